@@ -1,0 +1,10 @@
+"""Bird's-eye-view mapping: local views fused into one growing grid.
+
+Letters in shapes: H, W rows and columns of the map, h, w those of a window. Grids are occupancy
+as in ``nav_msgs/OccupancyGrid``: -1 unseen, 0 free, 100 obstacle.
+"""
+
+from bev_mapper.grid_fusion import GridFusion, Pose2D
+from bev_mapper.local_map_fusion import LocalMapFusion, Window
+
+__all__ = ['GridFusion', 'LocalMapFusion', 'Pose2D', 'Window']

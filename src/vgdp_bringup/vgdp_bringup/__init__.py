@@ -1,0 +1,1 @@
+"""What brings the stack together: demo, recorder, launch files and the ``vgdp`` command."""

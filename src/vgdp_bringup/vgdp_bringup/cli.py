@@ -1,0 +1,94 @@
+"""The command ``vgdp``. What a command needs is imported when it is used."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vgdp_experiments import commands
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command.
+
+    Args:
+        argv: The command line without the program's name; that of the process if None.
+
+    Returns:
+        The exit status.
+    """
+    parser = argparse.ArgumentParser(
+        prog='vgdp', description='Plan with values and diffusion where nobody has a map.'
+    )
+    parser.add_argument('--version', action='version', version=version('vgdp_bringup'))
+    groups = parser.add_subparsers(required=True, metavar='COMMAND')
+    _add_info(groups)
+    _add_demo(groups)
+    commands.register(groups)
+    args = parser.parse_args(argv)
+    status: int = args.run(args)
+    return status
+
+
+def _add_info(groups: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    what = 'say what is installed here'
+    parser = groups.add_parser('info', help=what, description=f'vgdp info: {what}.')
+    parser.set_defaults(run=_run_info)
+
+
+def _run_info(_: argparse.Namespace) -> int:
+    from vgdp_bringup.info import report  # noqa: PLC0415 - loads PyTorch
+
+    print(report())
+    return 0
+
+
+def _add_demo(groups: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    what = 'watch a robot find its way out of a maze'
+    parser = groups.add_parser(
+        'demo',
+        help=what,
+        description=f'vgdp demo: {what}. The nodes run as processes of their own.',
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    add = parser.add_argument
+    add('--size', type=int, default=15, metavar='N', help='side of the maze in cells')
+    add('--seed', type=int, default=3, metavar='N', help='seed of maze and planner')
+    add('--view-range', type=int, default=2, metavar='N', help='cells seen to each side')
+    add('--rate', type=float, default=10.0, metavar='HZ', help='steps a second, 0 for no limit')
+    add('--max-steps', type=int, default=500, metavar='N', help='steps until the end')
+    add('--timeout', type=float, default=30.0, metavar='S', help='longest time without a step')
+    add(
+        '--out',
+        type=Path,
+        default=Path('out/demo'),
+        metavar='FOLDER',
+        help='where the bag, the logs and the pictures go',
+    )
+    parser.set_defaults(run=_run_demo)
+
+
+def _run_demo(args: argparse.Namespace) -> int:
+    from vgdp_bringup.demo import DemoOptions, run  # noqa: PLC0415 - loads ROS and matplotlib
+
+    return run(
+        DemoOptions(
+            size=args.size,
+            seed=args.seed,
+            view_range=args.view_range,
+            rate=args.rate,
+            max_steps=args.max_steps,
+            timeout=args.timeout,
+            out=args.out,
+        )
+    )
+
+
+if __name__ == '__main__':
+    sys.exit(main())

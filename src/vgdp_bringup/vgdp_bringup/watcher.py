@@ -1,0 +1,116 @@
+"""Follow a run over ROS, for the live view."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from gridnav.ros.conversions import from_occupancy_grid, to_nanoseconds
+from gridnav.ros.episode import EpisodeStatus
+from vgdp_bringup.node import message_class, qos_of
+from vgdp_bringup.progress import Progress
+from vgdp_bringup.topics import TOPICS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import TracebackType
+    from typing import Self
+
+    from diagnostic_msgs.msg import DiagnosticStatus
+    from geometry_msgs.msg import PoseStamped
+    from nav_msgs.msg import OccupancyGrid, Odometry, Path
+
+WORLDS = ('maze_sim', 'avd_player')
+"""Who may say on ``episode`` how an episode stands; a planner speaks there too."""
+
+
+class RunWatcher:
+    """Keeps a ``Progress`` up to date from the topics, in a ROS context of its own."""
+
+    def __init__(self, domain_id: int) -> None:
+        """Prepare to watch a ROS domain."""
+        self.progress = Progress()
+        self._domain_id = domain_id
+        self._context = Context()
+        self._odom_stamp = -1
+        self._map_received: dict[int, float] = {}
+
+    def __enter__(self) -> Self:
+        """Subscribe."""
+        rclpy.init(
+            args=[],
+            context=self._context,
+            domain_id=self._domain_id,
+            # Ctrl-C belongs to the demo, which has nodes to stop.
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        self._node = rclpy.create_node('run_watcher', context=self._context)
+        callbacks: dict[str, Callable[[Any], None]] = {
+            'odom': self._on_odom,
+            'map': self._on_map,
+            'goal_pose': self._on_goal,
+            'plan': self._on_plan,
+            'episode': self._on_episode,
+        }
+        for topic in TOPICS:
+            if topic.name in callbacks:
+                self._node.create_subscription(
+                    message_class(topic), topic.name, callbacks[topic.name], qos_of(topic)
+                )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leave the domain."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def spin(self, seconds: float) -> None:
+        """Take in messages for so long."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            self._executor.spin_once(timeout_sec=left)
+
+    def node_names(self) -> set[str]:
+        """Return the names of the nodes that have been discovered."""
+        return set(self._node.get_node_names())
+
+    def _on_odom(self, message: Odometry) -> None:
+        stamp = to_nanoseconds(message.header.stamp)
+        if stamp > self._odom_stamp:
+            self._odom_stamp = stamp
+            position = message.pose.pose.position
+            self.progress.path.append((position.x, position.y))
+
+    def _on_map(self, message: OccupancyGrid) -> None:
+        self._map_received.setdefault(to_nanoseconds(message.header.stamp), time.perf_counter())
+        self.progress.occupancy, self.progress.geometry = from_occupancy_grid(message)
+
+    def _on_goal(self, message: PoseStamped) -> None:
+        self.progress.goal = (message.pose.position.x, message.pose.position.y)
+
+    def _on_plan(self, message: Path) -> None:
+        received = self._map_received.get(to_nanoseconds(message.header.stamp))
+        if received is not None:
+            self.progress.latencies.append(time.perf_counter() - received)
+        self.progress.plan = [
+            (pose.pose.position.x, pose.pose.position.y) for pose in message.poses
+        ]
+
+    def _on_episode(self, message: DiagnosticStatus) -> None:
+        status = EpisodeStatus.from_message(message)
+        if status.source in WORLDS:
+            self.progress.outcome = status.message
+            self.progress.episode = status.values

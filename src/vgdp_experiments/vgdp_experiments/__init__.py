@@ -1,0 +1,1 @@
+"""Expert data, training, reference methods, evaluation and benchmarks: what no robot needs."""

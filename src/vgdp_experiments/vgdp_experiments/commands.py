@@ -1,0 +1,74 @@
+"""The parts of the ``vgdp`` command that experiments need."""
+
+from __future__ import annotations
+
+import argparse
+from importlib import import_module
+from typing import Any
+
+GROUPS: dict[str, tuple[str, dict[str, tuple[str, str]]]] = {
+    'data': (
+        'make training data',
+        {'expert': ('vgdp_experiments.data', 'expert episodes in mazes')},
+    ),
+    'train': (
+        'train a network',
+        {
+            'policy': ('vgdp_experiments.train_policy', 'the diffusion policy'),
+            'value': ('vgdp_experiments.train_value', 'the value function'),
+        },
+    ),
+    'eval': (
+        'evaluate methods',
+        {'gridmaze': ('vgdp_experiments.evaluate', 'on mazes, all methods on the same')},
+    ),
+    'bench': (
+        'measure speed',
+        {
+            'planner': ('vgdp_experiments.bench_planner', 'of a decision, by the size of the map'),
+            'sim': ('maze_sim.benchmark', 'of drawing mazes and stepping in them'),
+        },
+    ),
+}
+"""What each group and each command in it does, and the module behind the command.
+
+Such a module has `add_arguments(parser) -> None` and `run(args) -> int`. A program of another
+package, with a `main(argv) -> int` instead, is handed the rest of the command line.
+"""
+
+
+class CommandParser(argparse.ArgumentParser):
+    """Parser of a command whose module is imported only when the command is used."""
+
+    def __init__(self, *, module: str, **settings: Any) -> None:  # noqa: ANN401 - argparse's own
+        """Take the module's name and what `argparse.ArgumentParser` takes."""
+        super().__init__(**settings)
+        self._module = module
+        self._complete = False
+
+    def parse_known_args(  # type: ignore[override]
+        self,
+        args: Any = None,  # noqa: ANN401 - argparse's own
+        namespace: Any = None,  # noqa: ANN401
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """Import the module and parse with its options."""
+        module = import_module(self._module)
+        if not hasattr(module, 'add_arguments'):
+            return argparse.Namespace(run=lambda _args: module.main(args)), []
+        if not self._complete:
+            module.add_arguments(self)
+            self.set_defaults(run=module.run)
+            self._complete = True
+        parsed: tuple[argparse.Namespace, list[str]] = super().parse_known_args(args, namespace)
+        return parsed
+
+
+def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the commands to a parser; its arguments then hold `run`, to be called with them."""
+    for group, (purpose, commands) in GROUPS.items():
+        group_parser = subparsers.add_parser(group, help=purpose, description=purpose)
+        members = group_parser.add_subparsers(
+            dest=f'{group}_command', required=True, parser_class=CommandParser
+        )
+        for name, (module, what) in commands.items():
+            members.add_parser(name, module=module, help=what, description=f'{purpose}: {what}')

@@ -1,0 +1,288 @@
+"""What an evaluation found: results of every episode, as JSON and as a table."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import statistics
+from dataclasses import asdict, dataclass, field
+from importlib import metadata
+from typing import TYPE_CHECKING, Any
+
+from rich.table import Table
+
+from gridnav import EpisodeResult, Outcome, Summary, summarize
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+SCHEMA_VERSION = 1
+"""Rises with any change after which older readers would misread a report."""
+
+REFERENCE = 'frontier'
+"""The method that the others' SPL is compared with."""
+
+EPISODE_FIELDS = ('outcome', 'steps', 'path_cost', 'expert_steps', 'expert_cost')
+
+PACKAGES = ('vgdp_experiments', 'vgdp_planner', 'maze_sim', 'numpy', 'scipy', 'torch')
+
+
+class ReportError(ValueError):
+    """A file does not hold a report."""
+
+
+@dataclass(frozen=True)
+class EvalConfig:
+    """What was evaluated.
+
+    Attributes:
+        size: Side of the mazes in cells.
+        view_range: Cells that a view reaches to each side.
+        budget: Actions after which an episode ends.
+        episodes: Mazes in a trial.
+        trials: Number of trials; trial k has the mazes `make_mazes(episodes, size, seed + k)`.
+        seed: Of the first trial.
+        batch: Episodes run at once.
+    """
+
+    size: int = 15
+    view_range: int = 2
+    budget: int = 500
+    episodes: int = 500
+    trials: int = 5
+    seed: int = 0
+    batch: int = 100
+
+
+@dataclass
+class Trial:
+    """One method on the mazes of one trial.
+
+    Attributes:
+        seed: Of the mazes and of the method.
+        results: Of each episode.
+        decisions: How often the method was asked what a robot does next.
+        seconds: Time it took to answer, all decisions together.
+    """
+
+    seed: int
+    results: list[EpisodeResult] = field(default_factory=list)
+    decisions: int = 0
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class Scores:
+    """What all trials of a method say together.
+
+    Attributes:
+        summary: Of the episodes of all trials.
+        success_sd: Standard deviation of the trials' success rates; None for a single trial.
+        ms_per_decision: Time for one decision in milliseconds, of many made at once.
+        spl_ratio: SPL by path cost over that of the reference on the same mazes; None where the
+            reference was not evaluated or never succeeded.
+    """
+
+    summary: Summary
+    success_sd: float | None
+    ms_per_decision: float
+    spl_ratio: float | None
+
+
+@dataclass(frozen=True)
+class MethodResults:
+    """One method on the mazes of all trials.
+
+    Attributes:
+        settings: What shaped its decisions.
+        trials: One for each seed.
+    """
+
+    settings: dict[str, Any]
+    trials: list[Trial]
+
+    def summary(self) -> Summary:
+        """Sum up the episodes of all trials."""
+        return summarize([result for trial in self.trials for result in trial.results])
+
+
+def current_versions() -> dict[str, str]:
+    """Return the versions of Python and of what the results depend on, where installed."""
+    versions = {'python': platform.python_version()}
+    for package in PACKAGES:
+        try:
+            versions[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return versions
+
+
+@dataclass(frozen=True)
+class Report:
+    """All methods of an evaluation, each on the same mazes.
+
+    Attributes:
+        config: What was evaluated.
+        methods: Results by the method's name.
+        command: The command line that made the report.
+        versions: Of Python and of the packages that the results depend on.
+    """
+
+    config: EvalConfig
+    methods: dict[str, MethodResults]
+    command: list[str] = field(default_factory=list)
+    versions: dict[str, str] = field(default_factory=current_versions)
+
+    def scores(self) -> dict[str, Scores]:
+        """Score every method."""
+        summaries = {name: results.summary() for name, results in self.methods.items()}
+        reference = summaries[REFERENCE].spl if REFERENCE in summaries else 0.0
+        return {
+            name: _score(results.trials, summaries[name], reference)
+            for name, results in self.methods.items()
+        }
+
+    def save(self, path: Path) -> None:
+        """Write the report as JSON. The file is there as a whole or, if that fails, not at all."""
+        part = path.with_name(f'.{path.name}.{os.getpid()}.part')
+        try:
+            part.write_text(json.dumps(self.to_dict()) + '\n', encoding='utf-8')
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+
+    @classmethod
+    def load(cls, path: Path) -> Report:
+        """Read a report.
+
+        Raises:
+            ReportError: If the file does not hold one, with one sentence that says why.
+        """
+        try:
+            return cls.from_dict(json.loads(path.read_text(encoding='utf-8')))
+        except (OSError, ValueError) as error:
+            msg = f'{path} holds no report: {error}'
+            raise ReportError(msg) from error
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report as plain values, ready for JSON, with the scores of each method."""
+        scores = self.scores()
+        return {
+            'schema_version': SCHEMA_VERSION,
+            'command': self.command,
+            'versions': self.versions,
+            'config': asdict(self.config),
+            'episode_fields': list(EPISODE_FIELDS),
+            'methods': {
+                name: {
+                    'scores': asdict(scores[name]),
+                    'settings': results.settings,
+                    'trials': [_trial_to_dict(trial) for trial in results.trials],
+                }
+                for name, results in self.methods.items()
+            },
+        }
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Report:
+        """Build a report from `to_dict`'s output; the scores are computed anew.
+
+        Raises:
+            ReportError: If the values are no report of this schema, with a sentence that says so.
+        """
+        version = values.get('schema_version') if isinstance(values, dict) else None
+        if version != SCHEMA_VERSION:
+            msg = f'A report of schema version {SCHEMA_VERSION} is needed, got {version}.'
+            raise ReportError(msg)
+        try:
+            return cls(
+                config=EvalConfig(**values['config']),
+                methods={
+                    name: MethodResults(
+                        settings=results['settings'],
+                        trials=[_trial_from_dict(trial) for trial in results['trials']],
+                    )
+                    for name, results in values['methods'].items()
+                },
+                command=values['command'],
+                versions=values['versions'],
+            )
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            msg = f'The report is damaged: {error!r}.'
+            raise ReportError(msg) from error
+
+    def table(self) -> Table:
+        """Return a table with a column for each method."""
+        config = self.config
+        table = Table(
+            title=(
+                f'{config.trials} x {config.episodes} mazes of {config.size} x {config.size}\n'
+                f'view range {config.view_range}, budget {config.budget}'
+            )
+        )
+        scores = self.scores()
+        table.add_column('')
+        for name in scores:
+            table.add_column(name, justify='right')
+        for label, cells in _table_rows(list(scores.values())):
+            table.add_row(label, *cells)
+        return table
+
+
+def _score(trials: Sequence[Trial], summary: Summary, reference_spl: float) -> Scores:
+    rates = [summarize(trial.results).success for trial in trials]
+    decisions = sum(trial.decisions for trial in trials)
+    return Scores(
+        summary=summary,
+        success_sd=statistics.stdev(rates) if len(rates) > 1 else None,
+        ms_per_decision=1e3 * sum(trial.seconds for trial in trials) / max(decisions, 1),
+        spl_ratio=summary.spl / reference_spl if reference_spl > 0 else None,
+    )
+
+
+def _trial_to_dict(trial: Trial) -> dict[str, Any]:
+    return {
+        'seed': trial.seed,
+        'success': summarize(trial.results).success,
+        'decisions': trial.decisions,
+        'seconds': trial.seconds,
+        'episodes': [
+            [getattr(result, name) for name in EPISODE_FIELDS] for result in trial.results
+        ],
+    }
+
+
+def _trial_from_dict(values: dict[str, Any]) -> Trial:
+    results = []
+    for episode in values['episodes']:
+        fields = dict(zip(EPISODE_FIELDS, episode, strict=True))
+        results.append(EpisodeResult(**fields | {'outcome': Outcome(fields['outcome'])}))
+    return Trial(values['seed'], results, values['decisions'], values['seconds'])
+
+
+def _table_rows(scores: Sequence[Scores]) -> list[tuple[str, list[str]]]:
+    summaries = [score.summary for score in scores]
+    return [
+        ('success', [f'{s.success:.3f}' for s in summaries]),
+        ('  95 % interval', [f'{s.success_low:.3f} … {s.success_high:.3f}' for s in summaries]),
+        (
+            '  over trials',
+            [f'{s.summary.success:.3f} ± {_or_dash(s.success_sd)}' for s in scores],
+        ),
+        ('SPL (path cost)', [f'{s.spl:.3f}' for s in summaries]),
+        (f'  / {REFERENCE}', [_or_dash(score.spl_ratio) for score in scores]),
+        ('SPL (steps)', [f'{s.spl_steps:.3f}' for s in summaries]),
+        ('steps', [f'{s.steps:.1f}' for s in summaries]),
+        ('failures', [_failures(s) for s in summaries]),
+        ('ms a decision', [f'{score.ms_per_decision:.3g}' for score in scores]),
+    ]
+
+
+def _or_dash(value: float | None) -> str:
+    return '–' if value is None else f'{value:.3f}'
+
+
+def _failures(summary: Summary) -> str:
+    return '\n'.join(f'{reason} {count}' for reason, count in summary.failures.items()) or '–'

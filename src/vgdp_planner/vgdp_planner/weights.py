@@ -1,0 +1,87 @@
+"""Weights on disk: `model.safetensors`, `config.json` and the model card `README.md`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+
+from vgdp_planner.config import Config
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+SHIPPED = Path(__file__).parent / 'weights' / 'default'
+"""The weights that come with the package."""
+
+MODEL_FILE, CONFIG_FILE = 'model.safetensors', 'config.json'
+
+
+class WeightsError(ValueError):
+    """A folder does not hold the weights of a planner."""
+
+
+def save_weights(
+    folder: str | Path, config: Config, tensors: dict[str, Tensor], training: dict[str, Any]
+) -> None:
+    """Write weights and configuration into a folder, creating it.
+
+    Args:
+        folder: Where to.
+        config: What the tensors were made for.
+        tensors: By name.
+        training: How they came about (command, data, seed, scores), for the record.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    save_file({name: tensor.contiguous() for name, tensor in tensors.items()}, folder / MODEL_FILE)
+    record = {'config': config.to_dict(), 'training': training}
+    (folder / CONFIG_FILE).write_text(json.dumps(record, indent=2) + '\n', encoding='utf-8')
+
+
+def read_record(folder: str | Path | None = None) -> dict[str, Any]:
+    """Return what `config.json` says: the configuration and how the weights were trained.
+
+    Raises:
+        WeightsError: If there is no such file or it is damaged.
+    """
+    path = Path(folder or SHIPPED) / CONFIG_FILE
+    try:
+        record = json.loads(path.read_text(encoding='utf-8'))
+    except FileNotFoundError as error:
+        msg = f'There are no weights in {path.parent}: {CONFIG_FILE} is missing.'
+        raise WeightsError(msg) from error
+    except (OSError, ValueError) as error:
+        msg = f'{path} can not be read as JSON: {error}.'
+        raise WeightsError(msg) from error
+    if not isinstance(record, dict) or not isinstance(record.get('config'), dict):
+        msg = f'{path} holds no configuration.'
+        raise WeightsError(msg)
+    return record
+
+
+def load_weights(folder: str | Path | None = None) -> tuple[Config, dict[str, Tensor]]:
+    """Read configuration and weights from a folder; the shipped ones if None.
+
+    Raises:
+        WeightsError: If the folder does not hold them undamaged, with one sentence that says why.
+    """
+    record = read_record(folder)
+    path = Path(folder or SHIPPED) / MODEL_FILE
+    try:
+        config = Config.from_dict(record['config'])
+    except (TypeError, ValueError, AttributeError) as error:
+        msg = f'The configuration in {path.parent} is not valid: {error}'
+        raise WeightsError(msg) from error
+    try:
+        tensors = load_file(path)
+    except FileNotFoundError as error:
+        msg = f'There are no weights in {path.parent}: {MODEL_FILE} is missing.'
+        raise WeightsError(msg) from error
+    except (SafetensorError, OSError) as error:
+        msg = f'{path} is damaged: {error}.'
+        raise WeightsError(msg) from error
+    return config, tensors

@@ -46,9 +46,12 @@ if ! grep -qsx "include-system-site-packages = $wanted" .venv/pyvenv.cfg; then
   echo 'setup: [1/4] making .venv'
   "$python" -m venv --clear "${site[@]}" .venv
 fi
-rm -f .venv/.ready-*
-
 pip=(.venv/bin/python -m pip --disable-pip-version-check --no-input install)
+if compgen -G '.venv/.ready-*' >/dev/null; then
+  # Brought up to date after a change: little to do, and hundreds of lines that say so.
+  pip+=(--quiet)
+  rm .venv/.ready-*
+fi
 echo 'setup: [2/4] PyTorch'
 "${pip[@]}" -r requirements-torch.txt
 echo 'setup: [3/4] libraries'

@@ -6,13 +6,13 @@ import importlib.util
 import itertools
 import os
 import warnings
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
 
     from tests.ros_helpers import NodeProcess, Probe, StartNode
 
@@ -25,6 +25,7 @@ ROS_TESTS = ('test_ros', 'test_node')
 os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(Path(__file__).with_name('quick_discovery.xml'))
 
 _namespaces = itertools.count()
 
@@ -47,9 +48,10 @@ def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> 
 def ros() -> Iterator[None]:
     """Initialise ROS 2 in this process."""
     pytest.importorskip('rclpy', reason='ROS 2 (rclpy) is not installed')
-    import gridnav.ros  # noqa: F401, PLC0415 - names the environment to ament
     import rclpy  # noqa: PLC0415
     from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415
+
+    import gridnav.ros  # noqa: F401, PLC0415 - names the environment to ament
 
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     with warnings.catch_warnings():

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from bev_mapper import GridFusion, Pose2D
-from gridnav.grid import GridGeometry
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+from bev_mapper import GridFusion, Pose2D
+from gridnav.grid import GridGeometry
 
 U, F, X = -1, 0, 100
 """Unseen, free, obstacle."""
@@ -28,8 +29,10 @@ class Placed:
 
     def geometry(self, resolution: float, origin: tuple[float, float]) -> GridGeometry:
         """Return where it lies in a map with this origin."""
+        rows, cols = self.cells.shape
         return GridGeometry(
-            *self.cells.shape,
+            rows,
+            cols,
             resolution,
             origin[0] + self.col * resolution,
             origin[1] + self.row * resolution,

@@ -10,6 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nav_msgs.msg import OccupancyGrid, Odometry
+from std_msgs.msg import UInt8
+from std_srvs.srv import Trigger
+from tests.ros_helpers import wait_for
+
 from gridnav.grid import GridGeometry
 from gridnav.partial_map import to_occupancy
 from gridnav.ros.conversions import (
@@ -21,17 +26,11 @@ from gridnav.ros.conversions import (
 from gridnav.ros.episode import EpisodeStatus
 from gridnav.ros.qos import EPISODE_QOS, MAP_QOS, RELIABLE_QOS
 from maze_sim import MazeSimulation, make_mazes, shortest_actions
-from nav_msgs.msg import OccupancyGrid, Odometry
-from std_msgs.msg import UInt8
-from std_srvs.srv import Trigger
-
-from tests.ros_helpers import wait_for
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
-
     from tests.ros_helpers import Probe, StartNode
 
 MAPPER, SIM = 'bev_mapper.node', 'maze_sim.node'

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from gridnav.actions import DONE, NUM_ACTIONS, STEP_LENGTHS, STEPS, valid_moves
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+
+from gridnav.actions import DONE, NUM_ACTIONS, STEP_LENGTHS, STEPS, valid_moves
 
 
 def test_steps_are_the_documented_ones() -> None:

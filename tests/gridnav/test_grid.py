@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 import pytest
-from gridnav.grid import GridGeometry
 from hypothesis import given
 from hypothesis import strategies as st
+
+from gridnav.grid import GridGeometry
 
 
 @given(

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
 from gridnav.partial_map import (
     FREE,
     GOAL,
@@ -12,9 +16,6 @@ from gridnav.partial_map import (
     from_occupancy,
     to_occupancy,
 )
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
 
 @given(

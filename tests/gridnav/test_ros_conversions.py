@@ -8,11 +8,12 @@ import time
 
 import numpy as np
 import pytest
-from gridnav.grid import GridGeometry
-from gridnav.ros import conversions as convert
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+
+from gridnav.grid import GridGeometry
+from gridnav.ros import conversions as convert
 
 coordinates = st.floats(-1e6, 1e6)
 stamps = st.integers(0, 2**31 * convert.NANOSECONDS - 1)
@@ -48,7 +49,8 @@ def test_occupancy_grids_come_back(
     occupancy: np.ndarray, resolution: float, x: float, y: float, stamp: int
 ) -> None:
     """Cells, placement and stamp survive; the resolution too, though it travels as a float32."""
-    geometry = GridGeometry(*occupancy.shape, resolution, x, y)
+    rows, cols = occupancy.shape
+    geometry = GridGeometry(rows, cols, resolution, x, y)
     message = convert.to_occupancy_grid(occupancy, geometry, stamp=stamp, frame_id='map')
     assert isinstance(message.data, array.array)
     message.info.resolution = float(np.float32(message.info.resolution))
@@ -95,7 +97,7 @@ def test_a_large_grid_converts_fast() -> None:
 
 
 def test_a_path_looks_where_it_goes() -> None:
-    """Each pose looks to the next cell, the last ones keep the direction, staying turns nothing."""
+    """Each pose looks to the next cell, the last ones keep the direction, staying is no turn."""
     cells = [(0, 0), (0, 1), (1, 1), (1, 1)]
     path = convert.to_path(cells, GridGeometry(2, 2, 1.0), stamp=5, frame_id='map')
     assert [(p.pose.position.x, p.pose.position.y) for p in path.poses] == [

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from hypothesis import given
+from hypothesis import strategies as st
+
 from gridnav.metrics import Outcome
 from gridnav.ros.episode import EpisodeStatus
 from gridnav.ros.validation import InvalidMessage
-from hypothesis import given
-from hypothesis import strategies as st
 
 
 @given(start=st.integers(0, 2**31 * 10**9 - 1), outcome=st.sampled_from(Outcome))

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from gridnav.ros.qos import MAP_QOS, RELIABLE_QOS, SENSOR_QOS
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_msgs.msg import UInt8
 from std_srvs.srv import Trigger
-
 from tests.ros_helpers import wait_for
+
+from gridnav.ros.qos import MAP_QOS, RELIABLE_QOS, SENSOR_QOS
 
 if TYPE_CHECKING:
     from tests.ros_helpers import Probe, StartNode
@@ -30,7 +30,7 @@ READY = 'The toy is there.'
 def test_a_node_lives_on_whatever_it_receives(
     node_process: StartNode, probe: Probe, namespace: str
 ) -> None:
-    """Refused and failing messages are named in the log and counted, then a good one is answered."""
+    """Refused and failing messages are named and counted, then a good one is answered."""
     toy = node_process(TOY)
     numbers = probe.publisher(UInt8, 'number', RELIABLE_QOS)
     answers = probe.record(UInt8, 'answer', RELIABLE_QOS)
@@ -118,7 +118,7 @@ def test_a_node_warns_of_a_second_publisher_and_of_an_incompatible_one(
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize('work_s', [0.0, 0.1], ids=['idle', 'busy'])
 def test_a_signal_ends_a_node_quietly(node_process: StartNode, number: int, work_s: float) -> None:
-    """Code 0, no traceback, within two seconds; several times, as this used to be a matter of luck."""
+    """Code 0, no traceback, within two seconds; several times, as it must be no matter of luck."""
     toys = [node_process(TOY, {'work_s': work_s}) for _ in range(3)]
     for i, toy in enumerate(toys):
         toy.wait_output(READY)

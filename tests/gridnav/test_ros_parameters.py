@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import rclpy
+from rclpy.parameter import Parameter
+
 from gridnav.ros.parameters import (
     ParameterError,
     declare_parameters,
     parameter,
     parameter_rows,
 )
-from rclpy.parameter import Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

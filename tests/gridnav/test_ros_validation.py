@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+
 from gridnav.grid import GridGeometry
 from gridnav.ros.conversions import to_occupancy_grid, to_odometry, to_pose_stamped
 from gridnav.ros.validation import (

@@ -7,12 +7,13 @@ import time
 from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from std_msgs.msg import UInt8
+
 from gridnav.ros.node import BaseNode
 from gridnav.ros.parameters import parameter
 from gridnav.ros.qos import MAP_QOS, RELIABLE_QOS
 from gridnav.ros.run import run_node
 from gridnav.ros.validation import InvalidMessage
-from std_msgs.msg import UInt8
 
 
 @dataclass

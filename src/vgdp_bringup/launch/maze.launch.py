@@ -3,13 +3,14 @@
 ros2 launch vgdp_bringup maze.launch.py size:=20 view_range:=2 seed:=3 rate:=5.0
 """
 
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
+
+from launch import LaunchDescription
 
 ARGUMENTS = (
     ('size', '15', 'Side of the maze in cells'),

@@ -45,7 +45,7 @@ def _add_info(groups: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
 def _run_info(_: argparse.Namespace) -> int:
     from vgdp_bringup.info import report  # noqa: PLC0415 - loads PyTorch
 
-    print(report())
+    sys.stdout.write(f'{report()}\n')
     return 0
 
 

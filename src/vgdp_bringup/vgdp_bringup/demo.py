@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import shutil
 import signal
+import sys
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from gridnav.metrics import Outcome
 from rich.console import Console
 
+from gridnav.metrics import Outcome
 from vgdp_bringup.bags import BagError, read_episodes
 from vgdp_bringup.pictures import describe_outcome, save_pictures
 from vgdp_bringup.processes import NodeFailure, NodeProcesses, free_domain_id
@@ -115,18 +116,18 @@ def run_stack(options: DemoOptions, bag: Path, console: Console) -> None:
     domain_id = free_domain_id()
     console.print(f'Starting the nodes, ROS_DOMAIN_ID={domain_id}.')
     with NodeProcesses(options.out / 'logs', domain_id) as nodes, RunWatcher(domain_id) as watcher:
-        nodes.start('recorder', 'vgdp_bringup.node', {'bag': bag})
+        nodes.start('recorder', _python('vgdp_bringup.node'), {'bag': bag})
         nodes.start(
             'bev_mapper',
-            'bev_mapper.node',
+            _python('bev_mapper.node'),
             # The whole maze from the start, so that the map is the one of the simulator.
             {'width': options.size, 'height': options.size, 'origin_x': 0.0, 'origin_y': 0.0},
         )
-        nodes.start('vgdp_planner', 'vgdp_planner.node', {'seed': options.seed})
+        nodes.start('vgdp_planner', _python('vgdp_planner.node'), {'seed': options.seed})
         _wait_for_nodes({'recorder', 'bev_mapper', 'vgdp_planner'}, nodes, watcher)
         nodes.start(
             'maze_sim',
-            'maze_sim.node',
+            _python('maze_sim.node'),
             {
                 'size': options.size,
                 'seed': options.seed,
@@ -140,6 +141,10 @@ def run_stack(options: DemoOptions, bag: Path, console: Console) -> None:
         nodes.stop()
 
 
+def _python(module: str) -> list[str]:
+    return [sys.executable, '-m', module]
+
+
 def _wait_for_nodes(names: set[str], nodes: NodeProcesses, watcher: RunWatcher) -> None:
     end = time.monotonic() + START_TIMEOUT_S
     while missing := names - watcher.node_names():
@@ -150,9 +155,7 @@ def _wait_for_nodes(names: set[str], nodes: NodeProcesses, watcher: RunWatcher) 
         watcher.spin(REFRESH_S)
 
 
-def _follow(
-    watcher: RunWatcher, nodes: NodeProcesses, display: Display, timeout: float
-) -> None:
+def _follow(watcher: RunWatcher, nodes: NodeProcesses, display: Display, timeout: float) -> None:
     """Show the episode until it has ended."""
     progress = watcher.progress
     steps, last_step = 0, time.monotonic()

@@ -10,9 +10,9 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 import torch
-from vgdp_planner.weights import MODEL_FILE, SHIPPED, WeightsError, read_record
 
 from vgdp_bringup.topics import TOPICS
+from vgdp_planner.weights import MODEL_FILE, SHIPPED, WeightsError, read_record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

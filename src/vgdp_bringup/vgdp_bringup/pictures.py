@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
-from matplotlib.colors import LinearSegmentedColormap, ListedColormap, Normalize, to_rgb
+from matplotlib.colors import LinearSegmentedColormap, ListedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from PIL import Image
@@ -29,6 +29,8 @@ CELL_COLORS = ('#dfe3ea', '#ffffff', '#3b4252')
 INK, FAINT = '#2b303b', '#8a93a3'
 OLD_PATH, PATH, PLAN, ROBOT, GOAL = '#c3daf7', '#3b7dd8', '#f08c2e', '#d64545', '#f5b301'
 VALUE_COLORS = 'viridis'
+WORST_SHOWN = 0.25
+"""The worst quarter of the candidates shares one colour."""
 
 GIF_SECONDS = 10.0
 FRAME_MS = (60, 250)
@@ -186,7 +188,7 @@ def _save_still(episode: Episode, steps: list[tuple[Step, Grid]], path: Path) ->
     _title(right, f'Step {moment}: the value of each cell')
     _frame_axes(right, geometry)
     _draw_cells(right, _classes(grid, geometry), geometry)
-    _draw_values(right, step, geometry)
+    _draw_values(right, step, grid, geometry)
     _mark(right, episode, steps[: moment + 1], geometry)
     figure.savefig(path)
 
@@ -213,13 +215,14 @@ def describe_outcome(episode: Episode) -> str:
 
 
 def _telling_step(steps: list[tuple[Step, Grid]]) -> int:
-    """Return the step whose candidates differ most in value: it tells most about the choice."""
-    spreads = []
-    for step, _ in steps:
-        values = np.array([candidate.value for candidate in step.candidates])
-        values = values[np.isfinite(values)]
-        spreads.append(float(np.std(values)) if len(values) and step.value_map else -1.0)
-    return int(np.argmax(spreads))
+    """Return the step whose candidates lead to the most different places."""
+    places = [
+        len({tuple(candidate.points[-1]) for candidate in step.candidates})
+        if step.value_map
+        else 0
+        for step, _ in steps
+    ]
+    return int(np.argmax(places))
 
 
 def _latest_plan(steps: list[tuple[Step, Grid]]) -> NDArray[np.float64] | None:
@@ -281,55 +284,56 @@ def _draw_path(axes: Axes, steps: list[tuple[Step, Grid]]) -> None:
 
 
 def _draw_candidates(axes: Axes, step: Step, geometry: GridGeometry) -> None:
-    """Draw the candidates, the best one on top; grey ones may not be taken."""
-    values = np.array([candidate.value for candidate in step.candidates])
-    finite = values[np.isfinite(values)]
-    if not len(finite):
+    """Draw the candidates, the best one on top."""
+    if not step.candidates:
         return
-    low, high = float(finite.min()), float(finite.max())
+    ordered = sorted(step.candidates, key=lambda candidate: candidate.value)
+    values = np.array([candidate.value for candidate in ordered])
+    half = CANDIDATE_SPREAD * geometry.resolution / 2
+    offsets = np.linspace(-half, half, len(ordered))
     lines = LineCollection(
-        [],
+        [candidate.points + by for candidate, by in zip(ordered, offsets, strict=True)],
         cmap=VALUE_COLORS,
-        norm=Normalize(low, high if high > low else low + 1.0),
         lw=1.8,
         capstyle='round',
         path_effects=[withStroke(linewidth=2.6, foreground='white')],
     )
-    order = [i for i in np.argsort(values) if np.isfinite(values[i])]
-    half = CANDIDATE_SPREAD * geometry.resolution / 2
-    offsets = np.linspace(-half, half, len(order))
-    lines.set_segments(
-        [step.candidates[i].points + offset for i, offset in zip(order, offsets, strict=True)]
-    )
-    lines.set_array(values[order])
-    for candidate in step.candidates:
-        if not np.isfinite(candidate.value):
-            axes.plot(*candidate.points.T, color=FAINT, lw=1.2, alpha=0.6)
+    lines.set_array(values)
+    # One hopeless plan would take all the colours.
+    lines.set_clim(*_color_limits(np.quantile(values, WORST_SHOWN), values.max()))
     axes.add_collection(lines)
-    _color_bar(axes, lines, 'value of the plan')
+    _color_bar(axes, lines, 'value of the plan', extend='min')
 
 
-def _draw_values(axes: Axes, step: Step, geometry: GridGeometry) -> None:
-    if step.value_map is None:
+def _draw_values(axes: Axes, step: Step, grid: Grid, geometry: GridGeometry) -> None:
+    """Draw the values of the cells that were seen to be free."""
+    if step.value_map is None or step.value_map.geometry != grid.geometry:
         return
-    grid = step.value_map
+    values = step.value_map.cells
+    shown = np.ma.masked_where((grid.cells != FREE_VALUE) | (values < 0), values)
+    if not shown.count():
+        return
     image = axes.imshow(
-        np.ma.masked_less(grid.cells, 0),
+        shown,
         cmap=VALUE_COLORS,
-        vmin=0,
-        vmax=100,
         origin='lower',
         extent=_extent(grid.geometry),
         interpolation='nearest',
     )
+    image.set_clim(*_color_limits(float(shown.min()), float(shown.max())))
     left, right, bottom, top = _extent(geometry)
     axes.set(xlim=(left, right), ylim=(bottom, top))
     _color_bar(axes, image, 'value, % of the best')
 
 
-def _color_bar(axes: Axes, mappable: Any, label: str) -> None:  # noqa: ANN401 - any of matplotlib's
+def _color_limits(low: float, high: float) -> tuple[float, float]:
+    """Return limits that are not the same."""
+    return (low, high) if high > low else (low - 1.0, high)
+
+
+def _color_bar(axes: Axes, mappable: Any, label: str, extend: str = 'neither') -> None:  # noqa: ANN401
     place = axes.inset_axes((1.02, 0.0, 0.03, 1.0))
-    bar = axes.figure.colorbar(mappable, cax=place)
+    bar = axes.figure.colorbar(mappable, cax=place, extend=extend)
     bar.set_label(label, color=FAINT, labelpad=3)
     bar.ax.tick_params(colors=FAINT, labelsize=8)
     bar.outline.set_visible(False)

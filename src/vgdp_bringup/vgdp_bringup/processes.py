@@ -7,13 +7,12 @@ import random
 import signal
 import socket
 import subprocess
-import sys
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
     from types import TracebackType
     from typing import Self
@@ -74,16 +73,15 @@ class NodeProcesses:
         for node in reversed(self._nodes):
             _stop(node)
 
-    def start(self, name: str, module: str, parameters: Mapping[str, object]) -> None:
-        """Start ``python -m module`` in a process group of its own, with ROS parameters."""
-        command = [sys.executable, '-m', module, '--ros-args', '--disable-external-lib-logs']
+    def start(self, name: str, command: Sequence[str], parameters: Mapping[str, object]) -> None:
+        """Start a node by a command in a process group of its own, with ROS parameters."""
+        arguments = ['--ros-args', '--disable-external-lib-logs']
         for key, value in parameters.items():
-            text = str(value).lower() if isinstance(value, bool) else str(value)
-            command += ['-p', f'{key}:={text}']
+            arguments += ['-p', f'{key}:={value}']
         path = self._logs / f'{name}.log'
         with path.open('wb') as log:
-            process = subprocess.Popen(  # noqa: S603 - our own modules
-                command,
+            process = subprocess.Popen(  # noqa: S603 - our own programs
+                [*command, *arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -101,7 +99,7 @@ class NodeProcesses:
         for node in self._nodes:
             code = node.process.poll()
             if code is not None:
-                msg = f'{node.name} ended by itself with {_describe(code)}: see {node.log}.'
+                msg = f'{node.name} ended by itself with {_describe(code, node.log)}'
                 raise NodeFailure(msg)
 
     def stop(self) -> None:
@@ -115,7 +113,7 @@ class NodeProcesses:
             node = self._nodes.pop()
             code = _stop(node)
             if code != 0:
-                msg = f'{node.name} stopped with {_describe(code)}: see {node.log}.'
+                msg = f'{node.name} stopped with {_describe(code, node.log)}'
                 raise NodeFailure(msg)
 
 
@@ -129,10 +127,12 @@ def _stop(node: NodeProcess) -> int:
     return node.process.wait()
 
 
-def _describe(code: int) -> str:
-    if code >= 0:
-        return f'exit code {code}'
-    return f'signal {signal.Signals(-code).name}'
+def _describe(code: int, log: Path) -> str:
+    """Say how a process ended and what it said last."""
+    how = f'exit code {code}' if code >= 0 else f'signal {signal.Signals(-code).name}'
+    lines = log.read_text(errors='replace').splitlines()
+    said = f' after saying {lines[-1]!r}' if lines else ''
+    return f'{how}{said}, see {log}.'
 
 
 def free_domain_id() -> int:

@@ -207,7 +207,8 @@ class PlainDisplay:
 
     def update(self, progress: Progress) -> None:
         """Print a line if enough steps were made since the last one."""
-        if progress.path and progress.steps >= self._printed + PLAIN_EVERY:
+        known = progress.path and progress.occupancy is not None
+        if known and progress.steps >= self._printed + PLAIN_EVERY:
             self._printed = progress.steps
             line = ', '.join(f'{name} {value}' for name, value in progress.rows())
             self._console.print(line, highlight=False, soft_wrap=True)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from diagnostic_msgs.msg import DiagnosticStatus
     from geometry_msgs.msg import PoseStamped
     from nav_msgs.msg import OccupancyGrid, Odometry, Path
+    from visualization_msgs.msg import MarkerArray
 
 WORLDS = ('maze_sim', 'avd_player')
 """Who may say on ``episode`` how an episode stands; a planner speaks there too."""
@@ -55,6 +56,7 @@ class RunWatcher:
             'map': self._on_map,
             'goal_pose': self._on_goal,
             'plan': self._on_plan,
+            'plan_candidates': self._on_candidates,
             'episode': self._on_episode,
         }
         for topic in TOPICS:
@@ -108,6 +110,12 @@ class RunWatcher:
         self.progress.plan = [
             (pose.pose.position.x, pose.pose.position.y) for pose in message.poses
         ]
+
+    def _on_candidates(self, message: MarkerArray) -> None:
+        """Find the score of the chosen plan: it is the candidate with the same points."""
+        for marker in message.markers:
+            if [(point.x, point.y) for point in marker.points] == self.progress.plan:
+                self.progress.value = float(marker.text)
 
     def _on_episode(self, message: DiagnosticStatus) -> None:
         status = EpisodeStatus.from_message(message)

@@ -7,7 +7,6 @@ it what it would have done: that shows the dead ends which the expert's own ways
 
 from __future__ import annotations
 
-import argparse
 import json
 import multiprocessing
 import os
@@ -17,22 +16,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
+from tqdm import tqdm
+
 from gridnav import DONE
 from maze_sim import MazeSimulation
 from maze_sim.expert import Expert
-from tqdm import tqdm
-from vgdp_planner.value import ValueNetwork
-from vgdp_planner.weights import load_weights
-
 from vgdp_experiments.map_codes import pack, unpack
 from vgdp_experiments.rollouts import GreedyExplorer
 from vgdp_experiments.worlds import training_maze
+from vgdp_planner.value import ValueNetwork
+from vgdp_planner.weights import load_weights
 
 if TYPE_CHECKING:
+    import argparse
     from collections.abc import Sequence
 
-    from maze_sim import Maze
     from numpy.typing import NDArray
+
+    from maze_sim import Maze
 
 AT_ONCE = 128
 """Mazes that one worker walks side by side."""
@@ -125,12 +126,15 @@ def run(arguments: argparse.Namespace) -> int:
             progress.update(count)
     path = Path(settings.out)
     path.parent.mkdir(parents=True, exist_ok=True)
-    arrays = {
-        name: np.concatenate([getattr(part, name) for part in parts])
-        for name in ('codes', 'cells', 'actions')
-    }
-    np.savez_compressed(path, settings=json.dumps(asdict(settings)), **arrays)
-    print(f'{len(arrays["codes"])} demonstrations written to {path}.')  # noqa: T201
+    made = _join(parts)
+    np.savez_compressed(
+        path,
+        codes=made.codes,
+        cells=made.cells,
+        actions=made.actions,
+        settings=json.dumps(asdict(settings)),
+    )
+    print(f'{len(made.codes)} demonstrations written to {path}.')  # noqa: T201
     return 0
 
 
@@ -192,7 +196,7 @@ def walk_expert(mazes: Sequence[Maze], view_range: int, horizon: int) -> Demonst
     tick = 0
     while simulation.active.any():
         actions = np.full(len(mazes), DONE)
-        for row in np.flatnonzero(simulation.active):
+        for row in np.flatnonzero(simulation.active).tolist():
             noted.add(simulation, row, ways[row][tick:])
             actions[row] = ways[row][tick]
         simulation.step(actions)
@@ -209,9 +213,7 @@ def walk_explorer(
 ) -> Demonstrations:
     """Demonstrate greedy exploration: what it did next, and what the expert would have done."""
     experts = [Expert(maze.blocked) for maze in mazes]
-    costs = [
-        expert.cost_to_go(maze.goal) for maze, expert in zip(mazes, experts, strict=True)
-    ]
+    costs = [expert.cost_to_go(maze.goal) for maze, expert in zip(mazes, experts, strict=True)]
     height, width = mazes[0].blocked.shape
     simulation = MazeSimulation(mazes, view_range, max_steps=20 * height * width)
     explorer = GreedyExplorer(network, (len(mazes), height, width), rng)
@@ -222,7 +224,7 @@ def walk_explorer(
         explorer.look(simulation.partial_maps, simulation.active)
         actions, reached = explorer.at(simulation.cells)
         simulation.give_up(np.flatnonzero(~reached))
-        for row in np.flatnonzero(simulation.active):
+        for row in np.flatnonzero(simulation.active).tolist():
             cell = (int(simulation.cells[row, 0]), int(simulation.cells[row, 1]))
             noted.add(simulation, row, experts[row].actions(cell, costs[row]))
             code, where = noted.last_state()

@@ -13,16 +13,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
+
 from gridnav import DONE, FREE, GOAL, OBSTACLE, STEP_LENGTHS, STEPS, valid_moves
 from maze_sim import MazeSimulation, cost_to_go
-
 from vgdp_experiments.map_codes import pack
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from maze_sim import Maze
     from numpy.typing import NDArray
+
+    from maze_sim import Maze
     from vgdp_planner.value import ValueNetwork
 
 PULL = 1000.0
@@ -189,7 +190,9 @@ def _follow(
 
 
 def _label(
-    noted: list[tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]]],
+    noted: list[
+        tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]]
+    ],
     found_at: NDArray[np.float64],
     possible: NDArray[np.bool_],
 ) -> ExplorationSteps:

@@ -11,16 +11,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-from gridnav import FREE, NUM_MOVES, OBSTACLE, STEP_LENGTHS, STEPS, valid_moves
-from maze_sim import visible_cells, wilson_maze
 from torch.nn import functional
 from tqdm import tqdm
 
+from gridnav import FREE, NUM_MOVES, OBSTACLE, STEP_LENGTHS, STEPS, valid_moves
+from maze_sim import visible_cells, wilson_maze
 from vgdp_experiments.worlds import open_walls
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
     from torch import Tensor
+
     from vgdp_planner.belief import BeliefFilter
     from vgdp_planner.value import MotionModel, ValueNetwork
 
@@ -108,9 +109,7 @@ def train_dynamics(
         network.motion_reward,
         belief_filter.log_confusion,
     ]
-    optimizer = torch.optim.Adam(
-        [{'params': models, 'lr': 0.1}, {'params': others, 'lr': 0.01}]
-    )
+    optimizer = torch.optim.Adam([{'params': models, 'lr': 0.1}, {'params': others, 'lr': 0.01}])
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     rng = np.random.default_rng([seed, 1])
     losses: dict[str, float] = {}
@@ -123,7 +122,7 @@ def train_dynamics(
             'observation': observation_loss(belief_filter, rng, 16),
         }
         optimizer.zero_grad()
-        torch.stack(list(terms.values())).sum().backward()
+        torch.stack(list(terms.values())).sum().backward()  # type: ignore[no-untyped-call]
         optimizer.step()
         schedule.step()
         losses = {name: float(term.detach()) for name, term in terms.items()}

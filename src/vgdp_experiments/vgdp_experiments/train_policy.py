@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,10 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 from tqdm import tqdm
-from vgdp_planner.analog_bits import NUM_BITS
-from vgdp_planner.config import preset
-from vgdp_planner.policy import DiffusionPolicy
-from vgdp_planner.weights import save_weights
 
 from vgdp_experiments.data import Batch, load_demonstrations
 from vgdp_experiments.training import (
@@ -23,8 +18,14 @@ from vgdp_experiments.training import (
     load_checkpoint,
     save_checkpoint,
 )
+from vgdp_planner.analog_bits import NUM_BITS
+from vgdp_planner.config import preset
+from vgdp_planner.policy import DiffusionPolicy
+from vgdp_planner.weights import save_weights
 
 if TYPE_CHECKING:
+    import argparse
+
     from torch import Tensor
 
 CHECKPOINT_EVERY = 1000

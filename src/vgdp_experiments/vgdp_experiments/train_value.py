@@ -8,19 +8,15 @@ expert demonstrations.
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
+from torch import nn
 from torch.nn import functional
 from tqdm import tqdm
-from vgdp_planner.belief import BeliefFilter
-from vgdp_planner.config import Config, preset
-from vgdp_planner.value import WORTH_SCALE, ValueNetwork
-from vgdp_planner.weights import save_weights
 
 from vgdp_experiments.data import load_demonstrations
 from vgdp_experiments.map_codes import unpack
@@ -34,12 +30,18 @@ from vgdp_experiments.training import (
     save_checkpoint,
 )
 from vgdp_experiments.worlds import training_maze
+from vgdp_planner.belief import BeliefFilter
+from vgdp_planner.config import Config, preset
+from vgdp_planner.value import WORTH_SCALE, ValueNetwork
+from vgdp_planner.weights import save_weights
 
 if TYPE_CHECKING:
+    import argparse
+
     from numpy.typing import NDArray
     from torch import Tensor
 
-EXPLORATION_GROUPS = ((15, 1), (15, 2), (15, 2), (15, 3), (11, 2), (21, 2))
+EXPLORATION_GROUPS = ((15, 1), (15, 2), (15, 2), (15, 3), (12, 2), (20, 2))
 """(size, view range) of the mazes of a round, one share each."""
 
 EXPLORED_AT_ONCE = 256
@@ -80,6 +82,15 @@ class ValueTraining:
     threads: int = 2
 
 
+class ValueParts(nn.Module):
+    """The value network and the belief filter, which are trained and kept together."""
+
+    def __init__(self, value: ValueNetwork, belief: BeliefFilter) -> None:
+        super().__init__()
+        self.value = value
+        self.belief = belief
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the settings as options."""
     for name, value in asdict(ValueTraining()).items():
@@ -111,12 +122,7 @@ def write_value(
     scores: dict[str, float],
 ) -> None:
     """Write the trained value function and belief filter."""
-    parts = {'value': network, 'belief': belief_filter}
-    tensors = {
-        f'{part}.{name}': value
-        for part, module in parts.items()
-        for name, value in module.state_dict().items()
-    }
+    tensors = ValueParts(network, belief_filter).state_dict()
     save_weights(folder, config, tensors, {'value': {**asdict(settings), 'losses': scores}})
 
 
@@ -126,9 +132,13 @@ def train_from_exploration(
     """Train the default preset in place; returns the last losses."""
     folder = Path(settings.out)
     folder.mkdir(parents=True, exist_ok=True)
-    worth_parameters = [*network.trunk.parameters(), *network.unseen_worth.parameters()]
+    worth_parameters = [
+        *network.trunk.parameters(),
+        *network.unseen_worth.parameters(),
+        *network.unseen_level.parameters(),
+    ]
     optimizer = torch.optim.AdamW(worth_parameters, lr=settings.learning_rate, weight_decay=1e-2)
-    both = torch.nn.ModuleDict({'value': network, 'belief': belief_filter})
+    both = ValueParts(network, belief_filter)
     ema = Ema(both, settings.ema)
     done = load_checkpoint(folder, both, ema, optimizer, asdict(settings))
     losses: dict[str, float] = {}
@@ -139,8 +149,11 @@ def train_from_exploration(
     explorer = ValueNetwork(network.config)
     for round_index in range(done // settings.steps, settings.rounds):
         explorer.load_state_dict(
-            {name.removeprefix('value.'): value for name, value in ema.average.items()
-             if name.startswith('value.')}
+            {
+                name.removeprefix('value.'): value
+                for name, value in ema.average.items()
+                if name.startswith('value.')
+            }
         )
         samples = _explore_groups(explorer, settings, round_index)
         mean_cost = float(np.concatenate([group.costs for group in samples]).mean())
@@ -157,14 +170,12 @@ def train_from_exploration(
                 group['lr'] = rate
             loss = worth_loss(network, samples[rng.integers(len(samples))], settings.batch, rng)
             optimizer.zero_grad()
-            loss.backward()
+            loss.backward()  # type: ignore[no-untyped-call]
             torch.nn.utils.clip_grad_norm_(worth_parameters, GRADIENT_NORM)
             optimizer.step()
             ema.update(both)
             if step % 50 == 0:
-                log.write(
-                    step, loss=float(loss.detach()), mean_cost=mean_cost, learning_rate=rate
-                )
+                log.write(step, loss=float(loss.detach()), mean_cost=mean_cost, learning_rate=rate)
             if (step + 1) % CHECKPOINT_EVERY == 0:
                 save_checkpoint(folder, step + 1, both, ema, optimizer, asdict(settings))
             losses['worth'] = float(loss.detach())
@@ -218,11 +229,12 @@ def _turned(
 ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
     """Turn and mirror square maps (N, H, H) together with cells (N, 2), all alike."""
     last = codes.shape[1] - 1
-    if rng.random() < 0.5:
+    swap, flip_rows, flip_cols = rng.integers(2, size=3)
+    if swap:
         codes, cells = codes.transpose(0, 2, 1), cells[:, ::-1]
-    if rng.random() < 0.5:
+    if flip_rows:
         codes, cells = codes[:, ::-1], cells * [-1, 1] + [last, 0]
-    if rng.random() < 0.5:
+    if flip_cols:
         codes, cells = codes[:, :, ::-1], cells * [1, -1] + [0, last]
     return np.ascontiguousarray(codes), np.ascontiguousarray(cells)
 
@@ -238,7 +250,7 @@ def train_from_demonstrations(
     demonstrations = load_demonstrations(Path(settings.data))
     folder = Path(settings.out)
     folder.mkdir(parents=True, exist_ok=True)
-    both = torch.nn.ModuleDict({'value': network, 'belief': belief_filter})
+    both = ValueParts(network, belief_filter)
     optimizer = torch.optim.RAdam(both.parameters(), lr=settings.learning_rate)
     ema = Ema(both, settings.ema)
     done = load_checkpoint(folder, both, ema, optimizer, asdict(settings))
@@ -247,13 +259,12 @@ def train_from_demonstrations(
     for step in tqdm(range(done, settings.steps), desc='value', unit='step'):
         rng = np.random.default_rng([settings.seed, 4, step])
         batch = demonstrations.sample(settings.batch, rng)
-        losses = demonstration_losses(both, batch.maps, batch.cells, batch.actions[:, 0])
-        total = torch.stack(list(losses.values())).sum()  # type: ignore[arg-type]
+        terms = demonstration_losses(both, batch.maps, batch.cells, batch.actions[:, 0])
         optimizer.zero_grad()
-        total.backward()
+        torch.stack(list(terms.values())).sum().backward()  # type: ignore[no-untyped-call]
         optimizer.step()
         ema.update(both)
-        losses = {name: float(loss) for name, loss in losses.items()}
+        losses = {name: float(term.detach()) for name, term in terms.items()}
         if step % 50 == 0:
             log.write(step, **losses)
         if (step + 1) % CHECKPOINT_EVERY == 0:
@@ -264,7 +275,7 @@ def train_from_demonstrations(
 
 
 def demonstration_losses(
-    both: torch.nn.ModuleDict,
+    both: ValueParts,
     maps: NDArray[np.float32],
     cells: NDArray[np.int64],
     actions: NDArray[np.int64],
@@ -277,7 +288,7 @@ def demonstration_losses(
         cells: (N, 2).
         actions: The expert's actions, (N,).
     """
-    network, belief_filter = both['value'], both['belief']
+    network, belief_filter = both.value, both.belief
     map_tensor, expert = torch.from_numpy(maps), torch.from_numpy(actions)
     rows, cols = torch.from_numpy(cells).T
     here = torch.arange(len(maps)), slice(None), rows, cols

@@ -1,4 +1,4 @@
-"""What both training commands share: averaged weights, logs and checkpoints that can be resumed."""
+"""What both training commands share: averaged weights, logs and checkpoints to go on from."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class TrainingLog:
         except ImportError:
             self._writer = None
         else:
-            self._writer = SummaryWriter(str(folder))  # type: ignore[no-untyped-call]
+            self._writer = SummaryWriter(str(folder))
 
     def _append(self, row: list[Any]) -> None:
         with self._path.open('a', newline='', encoding='utf-8') as file:
@@ -62,12 +62,12 @@ class TrainingLog:
         self._append([row.get(column, '') for column in self._columns])
         if self._writer is not None:
             for name, value in numbers.items():
-                self._writer.add_scalar(name, value, step)  # type: ignore[no-untyped-call]
+                self._writer.add_scalar(name, value, step)
 
     def close(self) -> None:
         """Flush what TensorBoard holds back."""
         if self._writer is not None:
-            self._writer.close()  # type: ignore[no-untyped-call]
+            self._writer.close()
 
 
 def learning_rate(step: int, total: int, initial: float) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+
 from gridnav import valid_moves
 from maze_sim import Maze, cost_to_go, sample_maze, wilson_maze
 
@@ -25,11 +26,12 @@ def training_maze(size: int, rng: np.random.Generator, min_expert_steps: int = 1
     while True:
         blocked = open_walls(wilson_maze(size, rng), rng.random() * MOST_OPEN, rng)
         free = np.argwhere(~blocked)
-        start, goal = (
-            (int(row), int(col)) for row, col in free[rng.integers(len(free), size=2)]
-        )
+        start, goal = ((int(row), int(col)) for row, col in free[rng.integers(len(free), size=2)])
         # No step is longer than √2, so this is enough to have the steps.
-        if np.isfinite(cost := cost_to_go(blocked, goal)[start]) and cost >= min_expert_steps * 1.5:
+        if (
+            np.isfinite(cost := cost_to_go(blocked, goal)[start])
+            and cost >= min_expert_steps * 1.5
+        ):
             return Maze.solved(blocked, start, goal)
 
 

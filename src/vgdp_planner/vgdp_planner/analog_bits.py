@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 import torch
-from gridnav import NUM_ACTIONS
 from torch import Tensor
+
+from gridnav import NUM_ACTIONS
 
 NUM_BITS = math.ceil(math.log2(NUM_ACTIONS))
 """Bits an action takes: n = ⌈log2 K⌉, 4 for nine actions."""

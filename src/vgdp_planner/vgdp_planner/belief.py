@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import torch
-from gridnav import FREE, NUM_MOVES, OBSTACLE
 from torch import Tensor, nn
 from torch.nn import functional
 
+from gridnav import FREE, NUM_MOVES, OBSTACLE
 from vgdp_planner.value import MotionModel
 
 VIEW_KINDS, MAP_KINDS = 2, 3

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
+MIN_TIME_EMBEDDING = 4
+
 
 def _require(condition: bool, message: str) -> None:  # noqa: FBT001
     if not condition:
@@ -57,8 +59,9 @@ class PolicyConfig:
         )
         _require(self.kernel % 2 == 1, f'The kernel size must be odd, got {self.kernel}.')
         _require(
-            self.time_embedding >= 4 and self.time_embedding % 2 == 0,
-            f'The time embedding must be even and at least 4, got {self.time_embedding}.',
+            self.time_embedding >= MIN_TIME_EMBEDDING and self.time_embedding % 2 == 0,
+            f'The time embedding must be even and at least {MIN_TIME_EMBEDDING}, got '
+            f'{self.time_embedding}.',
         )
         _require(self.diffusion_steps >= 1, 'There must be at least one diffusion step.')
 

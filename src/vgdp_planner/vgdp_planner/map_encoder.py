@@ -1,4 +1,4 @@
-"""Networks that read a partial map: the paper's pooled encoder and the fully convolutional trunk."""
+"""Networks that read a partial map: the paper's encoder and the fully convolutional trunk."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ class BeliefMapEncoder(nn.Module):
 
     def __init__(self, channels: Sequence[int], embedding: int) -> None:
         super().__init__()
-        # The belief is an input of the trunk, too: the features may say where the robot comes from.
+        # The belief is an input, too: features may say how things lie as seen from the robot.
         self.trunk = MapTrunk(inputs=5, channels=channels)
         self.project = nn.Conv2d(channels[0], embedding, 3, padding=1)
         self.fully_connected = nn.Sequential(nn.SiLU(), nn.Linear(embedding, embedding))

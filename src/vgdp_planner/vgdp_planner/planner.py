@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import torch
+
 from gridnav import DONE, FREE, OBSTACLE
 from gridnav.partial_map import as_partial_maps
-
 from vgdp_planner.analog_bits import NUM_BITS
 from vgdp_planner.belief import BeliefFilter
 from vgdp_planner.policy import DiffusionPolicy
 from vgdp_planner.safety import SafetyCheck
 from vgdp_planner.selection import NO_ACTION, greedy_plan, score_plans
 from vgdp_planner.value import ValueNetwork
-from vgdp_planner.weights import load_weights
+from vgdp_planner.weights import WeightsError, load_weights
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from vgdp_planner.config import Config
     from vgdp_planner.safety import Status
     from vgdp_planner.value import Values
+
+SINGLE_NDIM = 3
 
 LEAST_PROGRESS = 0.5
 """Cells by which the committed steps must bring the goal closer, lest the robot walks in circles:
@@ -99,7 +101,12 @@ class ValueGuidedPlanner:
         """
         config, tensors = load_weights(folder)
         planner = cls(config, device)
-        planner.load_tensors(tensors)
+        try:
+            planner.load_tensors(tensors)
+        except RuntimeError as error:
+            first = str(error).split('\n', maxsplit=2)[1].strip()
+            msg = f'The weights do not fit their configuration: {first}'
+            raise WeightsError(msg) from error
         return planner
 
     def modules(self) -> dict[str, torch.nn.Module]:
@@ -145,10 +152,11 @@ class ValueGuidedPlanner:
         Raises:
             ValueError: If the map or the cell is not valid, with one sentence that says why.
         """
-        if np.ndim(partial_map) != 3:
-            msg = f'A partial map has the shape (3, H, W), got {np.shape(partial_map)}.'
+        checked = as_partial_maps(np.asarray(partial_map))
+        if checked.ndim != SINGLE_NDIM:
+            msg = f'A partial map has the shape (3, H, W), got {checked.shape}.'
             raise ValueError(msg)
-        return self.plan_batch(np.asarray(partial_map)[None], np.asarray(cell)[None])[0]
+        return self.plan_batch(checked[None], np.asarray(cell)[None])[0]
 
     @torch.no_grad()
     def plan_batch(
@@ -169,7 +177,7 @@ class ValueGuidedPlanner:
             ValueError: If a map or a cell is not valid, with one sentence that says why.
         """
         maps = as_partial_maps(np.asarray(partial_maps))
-        if maps.ndim != 4:
+        if maps.ndim != SINGLE_NDIM + 1:
             msg = f'Partial maps of a batch have the shape (B, 3, H, W), got {maps.shape}.'
             raise ValueError(msg)
         beliefs = _as_beliefs(np.asarray(cells), maps)
@@ -238,8 +246,9 @@ class ValueGuidedPlanner:
         shape = (config.candidates, draws, NUM_BITS, horizon)
         noise = np.stack(
             [
-                np.random.default_rng([self._seed, name, self._decisions.get(name, 0)])
-                .standard_normal(shape, dtype=np.float32)
+                np.random.default_rng(
+                    [self._seed, name, self._decisions.get(name, 0)]
+                ).standard_normal(shape, dtype=np.float32)
                 for name in names
             ]
         )
@@ -261,17 +270,13 @@ class ValueGuidedPlanner:
         self, values: Values, beliefs: Tensor, plans: Tensor, checks: Sequence[SafetyCheck]
     ) -> Tensor:
         """Score plans (B, L, T_h); −inf where the first step may not be executed."""
-        scores = score_plans(
-            values, self.belief_filter, beliefs, plans, self.config.planner.score
-        )
+        scores = score_plans(values, self.belief_filter, beliefs, plans, self.config.planner.score)
         allowed = torch.from_numpy(np.stack([check.allowed_first for check in checks]))
         first = plans[:, :, 0]
         safe = allowed.to(plans.device).gather(1, first.clamp_min(0)) & (first != NO_ACTION)
         return scores.masked_fill(~safe, -torch.inf)
 
-    def _commit(
-        self, checks: Sequence[SafetyCheck], plans: NDArray[np.int64]
-    ) -> list[list[int]]:
+    def _commit(self, checks: Sequence[SafetyCheck], plans: NDArray[np.int64]) -> list[list[int]]:
         return [
             check.committed_steps([int(a) for a in plan if a != NO_ACTION], self._execute)
             for check, plan in zip(checks, plans, strict=True)
@@ -298,9 +303,7 @@ class ValueGuidedPlanner:
         done = torch.tensor([DONE in steps for steps in committed], device=self.device)
         return begun & (done | (gain > LEAST_PROGRESS))
 
-    def _greedy(
-        self, values: Values, beliefs: Tensor, checks: Sequence[SafetyCheck]
-    ) -> Tensor:
+    def _greedy(self, values: Values, beliefs: Tensor, checks: Sequence[SafetyCheck]) -> Tensor:
         allowed = torch.from_numpy(np.stack([check.allowed_first for check in checks]))
         return greedy_plan(
             values,
@@ -315,9 +318,7 @@ def _end_with_done(plans: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.where(plans == NO_ACTION, DONE, plans)
 
 
-def _standing_free(
-    maps: NDArray[np.float32], beliefs: NDArray[np.float32]
-) -> NDArray[np.float32]:
+def _standing_free(maps: NDArray[np.float32], beliefs: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the maps with the most likely cell of each robot marked as free: it stands there."""
     rows, cols = np.unravel_index(beliefs.reshape(len(maps), -1).argmax(axis=1), maps.shape[2:])
     maps = maps.copy()

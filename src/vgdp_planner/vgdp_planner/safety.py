@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from gridnav import DONE, FREE, GOAL, NUM_ACTIONS, OBSTACLE, STEPS, valid_moves
 from scipy import ndimage
+
+from gridnav import DONE, FREE, GOAL, NUM_ACTIONS, OBSTACLE, STEPS, valid_moves
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

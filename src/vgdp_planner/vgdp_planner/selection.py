@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 import torch
-from gridnav import DONE
 from torch import Tensor
+
+from gridnav import DONE
 
 if TYPE_CHECKING:
     from vgdp_planner.belief import BeliefFilter

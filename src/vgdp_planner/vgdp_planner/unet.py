@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import torch
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
 
 class StepEmbedding(nn.Module):
     """Sinusoidal embedding of the diffusion step, then two fully connected layers."""
+
+    frequencies: Tensor
 
     def __init__(self, size: int) -> None:
         super().__init__()
@@ -49,7 +52,7 @@ class ConditionalResidualBlock(nn.Module):
         super().__init__()
         self.first = conv_block(inputs, outputs, kernel, groups)
         self.second = conv_block(outputs, outputs, kernel, groups)
-        # FiLM (Perez et al. 2018): one half of the output scales each channel, the other shifts it.
+        # FiLM (Perez et al. 2018): one half of the output scales the channels, one shifts them.
         self.film = nn.Sequential(nn.SiLU(), nn.Linear(condition, 2 * outputs))
         self.residual = nn.Identity() if inputs == outputs else nn.Conv1d(inputs, outputs, 1)
 
@@ -78,7 +81,7 @@ class ConditionalUNet(nn.Module):
         groups: Groups of the group normalisation.
     """
 
-    def __init__(  # noqa: PLR0913
+    def __init__(
         self,
         bits: int,
         channels: Sequence[int],
@@ -101,16 +104,15 @@ class ConditionalUNet(nn.Module):
         self.down = nn.ModuleList(
             stage(bits if index == 0 else width, width) for index, width in enumerate(channels)
         )
-        pairs = list(zip(channels[:-1], channels[1:], strict=True))
+        pairs = list(pairwise(channels))
         self.downsample = nn.ModuleList(
             nn.Conv1d(width, wider, 3, stride=2, padding=1) for width, wider in pairs
         )
         self.middle = stage(channels[-1], channels[-1])
-        self.up = nn.ModuleList(
-            stage(2 * wider, width) for width, wider in reversed(pairs)
-        )
+        self.up = nn.ModuleList(stage(2 * wider, width) for width, wider in reversed(pairs))
         self.upsample = nn.ModuleList(
-            nn.ConvTranspose1d(width, width, 4, stride=2, padding=1) for width, _ in reversed(pairs)
+            nn.ConvTranspose1d(width, width, 4, stride=2, padding=1)
+            for width, _ in reversed(pairs)
         )
         self.final = nn.Sequential(
             conv_block(channels[0], channels[0], kernel, groups),

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import torch
-from gridnav import FREE, GOAL, NUM_ACTIONS, NUM_MOVES, OBSTACLE, STEP_LENGTHS
 from torch import Tensor, nn
 from torch.nn import functional
 
+from gridnav import FREE, GOAL, NUM_ACTIONS, NUM_MOVES, OBSTACLE, STEP_LENGTHS
 from vgdp_planner.map_encoder import MapTrunk, with_inside
 
 if TYPE_CHECKING:
@@ -110,10 +110,14 @@ class ValueNetwork(nn.Module):
             self.motion_reward = nn.Parameter(torch.zeros(NUM_MOVES, 3, 3))
             self.invalid_reward = nn.Parameter(torch.full((NUM_MOVES,), config.invalid_reward))
             self.trunk = MapTrunk(inputs, config.trunk_channels)
-            # Zero at first: the robot goes to what is nearest.
+            # Zero at first: the robot goes to what is nearest. The level takes up what all unseen
+            # cells of a map have in common, which changes no decision, so that the worth of each
+            # is left with what tells them apart.
             self.unseen_worth = nn.Conv2d(config.trunk_channels[0], 1, 1)
-            nn.init.zeros_(self.unseen_worth.weight)
-            nn.init.zeros_(self.unseen_worth.bias)
+            self.unseen_level = nn.Linear(config.trunk_channels[0], 1)
+            for layer in (self.unseen_worth, self.unseen_level):
+                nn.init.zeros_(layer.weight)
+                layer.bias.data.zero_()  # type: ignore[union-attr]
         else:
             # R_m and R_f are kernels over the partial map, zero at first (appendix).
             shape = (NUM_ACTIONS, 3, config.reward_kernel, config.reward_kernel)
@@ -135,7 +139,8 @@ class ValueNetwork(nn.Module):
     def worth_of_unseen(self, partial_maps: Tensor) -> Tensor:
         """Return the learned worth of being able to look at each cell, (B, H, W)."""
         features = self.trunk(with_inside(partial_maps))
-        worth: Tensor = WORTH_SCALE * self.unseen_worth(features)[:, 0]
+        level = self.unseen_level(features.mean(dim=(-2, -1)))[:, :, None]
+        worth: Tensor = WORTH_SCALE * (self.unseen_worth(features)[:, 0] + level)
         return worth
 
     def forward(self, partial_maps: Tensor, extra_worth: Tensor | None = None) -> Values:
@@ -232,8 +237,6 @@ class ValueNetwork(nn.Module):
         done = torch.where(goal, 0.0, values + self.config.invalid_reward)[:, None]
         # What is unseen ends the plan: whatever comes after is in its worth already.
         ended = unseen[:, None]
-        q_values = torch.where(
-            ended, values[:, None], torch.cat([back_up(values), done], dim=1)
-        )
+        q_values = torch.where(ended, values[:, None], torch.cat([back_up(values), done], dim=1))
         step_rewards = torch.cat([rewards, torch.zeros_like(done)], dim=1) * ~ended
         return Values(values, q_values, reached, mask * ~ended, step_rewards, rounds, residual)

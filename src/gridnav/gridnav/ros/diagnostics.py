@@ -45,10 +45,6 @@ class Diagnostics:
         """Count one more of something, such as ``'dropped: old local_map'``."""
         self._counts[key] += 1
 
-    def counted(self, key: str) -> int:
-        """Return how often something was counted."""
-        return self._counts[key]
-
     def received(self, topic: str) -> None:
         """Note that a message came in on a topic."""
         self._received[topic] = self._received.get(topic, 0) + 1

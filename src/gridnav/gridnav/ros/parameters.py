@@ -60,11 +60,11 @@ class ParameterInfo:
             return ' or '.join(repr(choice) for choice in self.choices)
         unit = f' {self.unit}' if self.unit else ''
         if self.low is not None and self.high is not None:
-            return f'{self.low:g} to {self.high:g}{unit}'
+            return f'{self.low:.15g} to {self.high:.15g}{unit}'
         if self.low is not None:
-            return f'{self.low:g}{unit} or more'
+            return f'{self.low:.15g}{unit} or more'
         if self.high is not None:
-            return f'{self.high:g}{unit} or less'
+            return f'{self.high:.15g}{unit} or less'
         return ''
 
 

@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 import threading
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -26,7 +26,7 @@ GRACE_S = 1.5
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
-def run_node(make_node: Callable[[], BaseNode[object]], args: Sequence[str] | None = None) -> int:
+def run_node(make_node: Callable[[], BaseNode[Any]], args: Sequence[str] | None = None) -> int:
     """Run a node until SIGINT or SIGTERM; call this from the main thread, once a process.
 
     Exceptions of callbacks are logged and the node lives on. After a signal further ones are
@@ -60,7 +60,7 @@ def run_node(make_node: Callable[[], BaseNode[object]], args: Sequence[str] | No
             rclpy.try_shutdown()
 
 
-def _spin(make_node: Callable[[], BaseNode[object]], signals: _ShutdownSignals) -> int:
+def _spin(make_node: Callable[[], BaseNode[Any]], signals: _ShutdownSignals) -> int:
     """Build the node and execute its callbacks until a signal comes."""
     try:
         node = make_node()

@@ -1,0 +1,127 @@
+"""When to plan: brings map and pose of equal stamp together and waits for what was sent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from gridnav.partial_map import from_occupancy
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from gridnav import GridGeometry
+
+NEVER = -1
+
+KEPT_STAMPS = 1000
+"""No more stamps of poses are kept than this."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What to plan on.
+
+    Attributes:
+        stamp: Of the step that made it, in nanoseconds.
+        partial_map: (3, H, W).
+        cell: Of the robot, (row, col).
+        geometry: Where the map lies.
+    """
+
+    stamp: int
+    partial_map: NDArray[np.float32]
+    cell: tuple[int, int]
+    geometry: GridGeometry
+
+
+class PlanningCycle:
+    """Lets the planner plan once on each observation, after all that it sent was carried out.
+
+    A pose comes for each action that was carried out, with a stamp of its own. An observation is
+    complete when map and newest pose carry the same stamp, and ready when as many new stamps have
+    come as actions were sent. Poses and maps that come again with a known stamp change nothing.
+    """
+
+    def __init__(self) -> None:
+        self.begin(NEVER)
+
+    def begin(self, start: int) -> None:
+        """Start over with an episode that begins at a stamp; what is older is ignored."""
+        self.start = start
+        self.finished = False
+        self._map: tuple[int, NDArray[np.int8], GridGeometry] | None = None
+        self._poses: dict[int, tuple[float, float]] = {}
+        self._goal: tuple[float, float] | None = None
+        self._planned = NEVER
+        self._awaited = 0
+
+    def add_pose(self, stamp: int, x: float, y: float) -> None:
+        """Take in where the robot is, in metres in the map's frame."""
+        if stamp < self.start:
+            return
+        self._poses[stamp] = (x, y)
+        if len(self._poses) > KEPT_STAMPS:
+            del self._poses[min(self._poses)]
+
+    def add_map(self, stamp: int, occupancy: NDArray[np.int8], geometry: GridGeometry) -> None:
+        """Take in the map: −1 unseen, 0 to 100 occupied, (H, W)."""
+        if stamp >= self.start and (self._map is None or stamp >= self._map[0]):
+            self._map = (stamp, occupancy, geometry)
+
+    def set_goal(self, stamp: int, x: float, y: float) -> None:
+        """Take in where the goal is, in metres in the map's frame."""
+        if stamp >= self.start:
+            self._goal = (x, y)
+
+    def observation(self, *, overdue: bool = False) -> Observation | None:
+        """Return what to plan on, or None if it is not time yet.
+
+        Args:
+            overdue: What was sent seems to be lost: don't wait for it any longer.
+
+        Raises:
+            ValueError: If the robot is not on the map.
+        """
+        if self.finished or self._map is None or not self._poses:
+            return None
+        stamp, occupancy, geometry = self._map
+        newest = max(self._poses)
+        if stamp != newest:
+            return None
+        carried_out = sum(pose_stamp > self._planned for pose_stamp in self._poses)
+        if carried_out < max(self._awaited, 1) and not (overdue and self._planned >= 0):
+            return None
+        cell = geometry.cell_at(*self._poses[newest])
+        if not geometry.contains(*cell):
+            msg = (
+                f'The robot at {self._poses[newest]} m is not on the map of {geometry.rows} x '
+                f'{geometry.cols} cells.'
+            )
+            raise ValueError(msg)
+        goal = None if self._goal is None else geometry.cell_at(*self._goal)
+        return Observation(stamp, from_occupancy(occupancy, goal), cell, geometry)
+
+    def planned(self, observation: Observation, actions: int) -> None:
+        """Note that actions were sent that were planned on an observation."""
+        self._planned = observation.stamp
+        self._awaited = actions
+        self._poses = {
+            stamp: pose for stamp, pose in self._poses.items() if stamp >= observation.stamp
+        }
+
+    @property
+    def waiting_for(self) -> str:
+        """What the next plan is waiting for, in words."""
+        if self.finished:
+            return 'a new episode'
+        if self._map is None:
+            return 'a map'
+        if not self._poses:
+            return 'odom'
+        if self._map[0] < max(self._poses):
+            return 'a map of the newest odom'
+        if self._map[0] > max(self._poses):
+            return 'the odom of the newest map'
+        return 'what was sent to be carried out'

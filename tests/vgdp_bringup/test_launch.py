@@ -1,0 +1,186 @@
+"""The launch file, the RViz view and the parameter file, without launch or RViz."""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import yaml
+
+from vgdp_bringup.topics import TOPICS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ROOT = Path(__file__).parents[2]
+SHARE = ROOT / 'src' / 'vgdp_bringup'
+
+
+@dataclass
+class Recorded:
+    """A call of something from launch: its name and arguments."""
+
+    name: str
+    positional: tuple[Any, ...]
+    named: dict[str, Any]
+
+
+def stub(module: str, *names: str) -> ModuleType:
+    """Return a module whose classes only record how they are called."""
+    made = ModuleType(module)
+    for name in names:
+
+        def call(*positional: Any, _name: str = name, **named: Any) -> Recorded:  # noqa: ANN401
+            return Recorded(_name, positional, named)
+
+        setattr(made, name, call)
+    return made
+
+
+@pytest.fixture(scope='module')
+def launched() -> Iterator[list[Recorded]]:
+    """Return what the launch file describes."""
+    stubs = {
+        'launch': stub('launch', 'LaunchDescription'),
+        'launch.actions': stub('launch.actions', 'DeclareLaunchArgument'),
+        'launch.conditions': stub('launch.conditions', 'IfCondition'),
+        'launch.substitutions': stub(
+            'launch.substitutions', 'LaunchConfiguration', 'PathJoinSubstitution'
+        ),
+        'launch_ros': ModuleType('launch_ros'),
+        'launch_ros.actions': stub('launch_ros.actions', 'Node'),
+        'launch_ros.parameter_descriptions': stub(
+            'launch_ros.parameter_descriptions', 'ParameterValue'
+        ),
+        'launch_ros.substitutions': stub('launch_ros.substitutions', 'FindPackageShare'),
+    }
+    with pytest.MonkeyPatch.context() as patch:
+        for name, module in stubs.items():
+            patch.setitem(sys.modules, name, module)
+        namespace = runpy.run_path(str(SHARE / 'launch' / 'maze.launch.py'))
+        description: Recorded = namespace['generate_launch_description']()
+    yield description.positional[0]
+
+
+def find(item: Any, name: str) -> Iterator[Recorded]:  # noqa: ANN401
+    """Return all calls of a name within calls, lists and dictionaries."""
+    if isinstance(item, Recorded):
+        if item.name == name:
+            yield item
+        yield from find([*item.positional, *item.named.values()], name)
+    elif isinstance(item, dict):
+        yield from find(list(item.values()), name)
+    elif isinstance(item, (list, tuple)):
+        for part in item:
+            yield from find(part, name)
+
+
+def test_every_argument_is_declared(launched: list[Recorded]) -> None:
+    """With a default and a description, and none is declared in vain."""
+    declared = {call.positional[0]: call.named for call in find(launched, 'DeclareLaunchArgument')}
+    used = {call.positional[0] for call in find(launched, 'LaunchConfiguration')}
+    assert set(declared) == used
+    for name, settings in declared.items():
+        assert len(settings['description']) > 10, name
+        assert 'default_value' in settings, name
+    issue = {'size', 'view_range', 'seed', 'rate', 'namespace', 'use_sim_time', 'log_level'}
+    assert issue | {'rviz', 'record', 'params_file'} <= set(declared)
+
+
+def test_declarations_come_first(launched: list[Recorded]) -> None:
+    """An argument has to be declared before it is used."""
+    names = [call.name for call in launched]
+    assert names == sorted(names)
+    assert set(names) == {'DeclareLaunchArgument', 'Node'}
+
+
+def test_the_nodes_exist(launched: list[Recorded]) -> None:
+    """Each executable is an entry point of its package."""
+    nodes = [call.named for call in launched if call.name == 'Node']
+    ours = {node['package']: node['executable'] for node in nodes if node['package'] != 'rviz2'}
+    assert set(ours) == {'maze_sim', 'bev_mapper', 'vgdp_planner', 'vgdp_bringup'}
+    for package, executable in ours.items():
+        assert f"'{executable} = " in (ROOT / 'src' / package / 'setup.py').read_text()
+
+
+def test_the_files_exist(launched: list[Recorded]) -> None:
+    """What the launch file looks for in the package's share is there."""
+    joined = [call.positional[0][1:] for call in find(launched, 'PathJoinSubstitution')]
+    assert sorted(joined) == [['config', 'maze.yaml'], ['rviz', 'maze.rviz']]
+    for folder, file in joined:
+        assert (SHARE / folder / file).is_file()
+
+
+def test_the_parameters_exist(launched: list[Recorded]) -> None:
+    """Each parameter that is set is one of the node."""
+    pytest.importorskip('rclpy')
+    tables = {**write_config()['TABLES'], 'vgdp_bringup': recorder_table()}
+    for call in launched:
+        if call.name == 'Node' and call.named['package'] in tables:
+            known = {*tables[call.named['package']].__dataclass_fields__, 'use_sim_time'}
+            assert set(call.named['parameters'][-1]) <= known
+
+
+def recorder_table() -> type:
+    """Return the parameters of the recorder."""
+    from vgdp_bringup.node import RecorderParameters  # noqa: PLC0415 - needs ROS
+
+    return RecorderParameters
+
+
+def write_config() -> dict[str, Any]:
+    """Return what is defined in the script that writes the parameter file."""
+    return runpy.run_path(str(ROOT / 'scripts' / 'write_config.py'))
+
+
+def test_the_parameter_file_is_up_to_date() -> None:
+    """It holds every parameter at its default; `scripts/write_config.py` writes it anew."""
+    pytest.importorskip('rclpy')
+    text = (SHARE / 'config' / 'maze.yaml').read_text()
+    assert text == write_config()['render']()
+    parsed = yaml.safe_load(text)
+    assert parsed['/**/bev_mapper']['ros__parameters']['map_frame'] == 'map'
+
+
+def view() -> dict[str, Any]:
+    """Return the RViz view."""
+    content: dict[str, Any] = yaml.safe_load((SHARE / 'rviz' / 'maze.rviz').read_text())
+    manager: dict[str, Any] = content['Visualization Manager']
+    return manager
+
+
+MESSAGES = {
+    'rviz_default_plugins/Map': 'nav_msgs/msg/OccupancyGrid',
+    'rviz_default_plugins/MarkerArray': 'visualization_msgs/msg/MarkerArray',
+    'rviz_default_plugins/Odometry': 'nav_msgs/msg/Odometry',
+    'rviz_default_plugins/Path': 'nav_msgs/msg/Path',
+    'rviz_default_plugins/Pose': 'geometry_msgs/msg/PoseStamped',
+    'rviz_default_plugins/SetGoal': 'geometry_msgs/msg/PoseStamped',
+}
+
+
+def test_the_view_looks_at_topics_of_the_stack(launched: list[Recorded]) -> None:
+    """Of the right type, and latched where the topic is; each is remapped into the namespace."""
+    topics = {f'/{topic.name}': topic for topic in TOPICS}
+    shown = [*view()['Displays'], *view()['Tools']]
+    viewed = [item for item in shown if 'Topic' in item]
+    assert len(viewed) >= 8
+    for item in viewed:
+        topic = topics[item['Topic']['Value']]
+        assert MESSAGES[item['Class']] == topic.type
+        latched = topic.qos in {'MAP', 'EPISODE'}
+        assert (item['Topic']['Durability Policy'] == 'Transient Local') == latched, topic.name
+        assert item['Topic']['Reliability Policy'] == 'Reliable'
+    (rviz,) = (c.named for c in launched if c.name == 'Node' and c.named['package'] == 'rviz2')
+    names = {item['Topic']['Value'] for item in viewed}
+    assert set(rviz['remappings']) == {(name, name.removeprefix('/')) for name in names}
+
+
+def test_the_view_is_in_the_map_frame() -> None:
+    """The one the map and the goals are in."""
+    assert view()['Global Options']['Fixed Frame'] == 'map'

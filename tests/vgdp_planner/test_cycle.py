@@ -1,0 +1,116 @@
+"""When the planner plans."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gridnav import FREE, GOAL, GridGeometry
+from vgdp_planner.cycle import PlanningCycle
+
+GEOMETRY = GridGeometry(3, 4, 0.5)
+OCCUPANCY = np.zeros((3, 4), dtype=np.int8)
+
+
+def seen(cycle: PlanningCycle, stamp: int, x: float = 0.25) -> None:
+    """Give the cycle pose and map of one step."""
+    cycle.add_pose(stamp, x, 0.25)
+    cycle.add_map(stamp, OCCUPANCY, GEOMETRY)
+
+
+def test_plans_once_on_each_observation() -> None:
+    """An observation is there once; then one with a new stamp must come for each action."""
+    cycle = PlanningCycle()
+    seen(cycle, 10)
+    observation = cycle.observation()
+    assert observation is not None
+    assert (observation.stamp, observation.cell) == (10, (0, 0))
+    assert observation.partial_map[FREE].all()
+    cycle.planned(observation, actions=2)
+    seen(cycle, 10)
+    assert cycle.observation() is None
+    seen(cycle, 11, 0.75)
+    assert cycle.observation() is None
+    seen(cycle, 12, 1.25)
+    observation = cycle.observation()
+    assert observation is not None
+    assert (observation.stamp, observation.cell) == (12, (0, 2))
+
+
+def test_map_and_pose_must_be_of_one_step() -> None:
+    """The map of an older step than the newest pose is not planned on, nor a newer one."""
+    cycle = PlanningCycle()
+    assert cycle.waiting_for == 'a map'
+    cycle.add_map(5, OCCUPANCY, GEOMETRY)
+    assert cycle.waiting_for == 'odom'
+    cycle.add_pose(4, 0.1, 0.1)
+    assert cycle.observation() is None
+    cycle.add_pose(6, 0.1, 0.1)
+    assert cycle.observation() is None
+    assert cycle.waiting_for == 'a map of the newest odom'
+    cycle.add_map(6, OCCUPANCY, GEOMETRY)
+    assert cycle.observation() is not None
+    cycle.add_map(5, OCCUPANCY, GEOMETRY)
+    assert cycle.observation() is not None
+
+
+def test_lost_actions_are_not_waited_for_forever() -> None:
+    """When overdue, the newest complete observation is planned on again."""
+    cycle = PlanningCycle()
+    seen(cycle, 1)
+    observation = cycle.observation()
+    assert observation is not None
+    cycle.planned(observation, actions=2)
+    assert cycle.observation() is None
+    assert cycle.observation(overdue=True) is not None
+    seen(cycle, 2)
+    assert cycle.observation() is None
+    assert cycle.observation(overdue=True) is not None
+    cycle.add_pose(3, 0.1, 0.1)
+    assert cycle.observation(overdue=True) is None
+
+
+def test_a_new_episode_forgets_the_old_one() -> None:
+    """What is older than the episode's start is ignored, its goal as well."""
+    cycle = PlanningCycle()
+    seen(cycle, 1)
+    cycle.set_goal(1, 1.9, 1.4)
+    observation = cycle.observation()
+    assert observation is not None
+    assert observation.partial_map[GOAL, 2, 3] == 1
+    cycle.begin(100)
+    seen(cycle, 99)
+    cycle.set_goal(99, 0.1, 0.1)
+    assert cycle.observation() is None
+    seen(cycle, 100)
+    observation = cycle.observation()
+    assert observation is not None
+    assert not observation.partial_map[GOAL].any()
+
+
+def test_finished() -> None:
+    """After the end of an episode nothing is planned until the next begins."""
+    cycle = PlanningCycle()
+    seen(cycle, 1)
+    cycle.finished = True
+    assert cycle.observation(overdue=True) is None
+    cycle.begin(2)
+    seen(cycle, 2)
+    assert cycle.observation() is not None
+
+
+def test_a_robot_off_the_map_is_named() -> None:
+    """A pose off the map is an error that says where."""
+    cycle = PlanningCycle()
+    seen(cycle, 1, x=77.0)
+    with pytest.raises(ValueError, match='77'):
+        cycle.observation()
+
+
+def test_old_poses_are_dropped() -> None:
+    """Poses that come without end take no memory without end."""
+    cycle = PlanningCycle()
+    for stamp in range(5000):
+        cycle.add_pose(stamp, 0.1, 0.1)
+    cycle.add_map(4999, OCCUPANCY, GEOMETRY)
+    assert cycle.observation() is not None

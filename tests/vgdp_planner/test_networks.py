@@ -1,0 +1,145 @@
+"""Shapes of the networks, the paper's table first."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from vgdp_planner import PRESETS, preset
+from vgdp_planner.map_encoder import BeliefMapEncoder, MapTrunk
+from vgdp_planner.policy import DiffusionPolicy
+
+
+def test_paper_table() -> None:
+    """The paper preset has the table's channels, lengths, kernels and strides, stage by stage."""
+    policy = DiffusionPolicy(preset('paper').policy)
+    unet = policy.unet
+    lengths: dict[str, tuple[int, int]] = {}
+
+    def note(name: str) -> nn.Module:
+        def hook(_: nn.Module, __: object, output: torch.Tensor) -> None:
+            lengths[name] = (output.shape[2], output.shape[1])
+
+        return hook  # type: ignore[return-value]
+
+    stages = {'down': unet.down, 'up': unet.up}
+    for kind, modules in stages.items():
+        for index, stage in enumerate(modules):
+            list(stage.children())[-1].register_forward_hook(note(f'{kind} {index + 1}'))
+    list(unet.middle.children())[-1].register_forward_hook(note('middle'))
+    for index, layer in enumerate(unet.downsample):
+        layer.register_forward_hook(note(f'downsample {index + 1}'))
+    for index, layer in enumerate(unet.upsample):
+        layer.register_forward_hook(note(f'upsample {index + 1}'))
+    with torch.no_grad():
+        output = unet(torch.zeros(1, 4, 8), torch.zeros(1).long(), torch.zeros(1, 256))
+    assert output.shape == (1, 4, 8)
+    assert lengths == {
+        'down 1': (8, 256),
+        'downsample 1': (4, 1024),
+        'down 2': (4, 1024),
+        'downsample 2': (2, 2048),
+        'down 3': (2, 2048),
+        'middle': (2, 2048),
+        'up 1': (2, 1024),
+        'upsample 1': (4, 1024),
+        'up 2': (4, 256),
+        'upsample 2': (8, 256),
+    }
+    for layer in unet.downsample:
+        assert isinstance(layer, nn.Conv1d)
+        assert [*layer.kernel_size, *layer.stride] == [3, 2]
+    for layer in unet.upsample:
+        assert isinstance(layer, nn.ConvTranspose1d)
+        assert [*layer.kernel_size, *layer.stride] == [4, 2]
+    first = next(layer for layer in unet.up.modules() if isinstance(layer, nn.Conv1d))
+    assert first.in_channels == 4096
+    assert sum(parameter.numel() for parameter in policy.parameters()) == 169_765_380
+
+
+def test_paper_map_encoder() -> None:
+    """Three convolutions of 128, 256, 256 channels, eight groups, pooling, two linear layers."""
+    encoder = DiffusionPolicy(preset('paper').policy).encoder
+    convolutions = [layer for layer in encoder.modules() if isinstance(layer, nn.Conv2d)]
+    assert [layer.out_channels for layer in convolutions] == [128, 256, 256]
+    assert all(
+        (layer.kernel_size, layer.stride, layer.padding) == ((3, 3), (1, 1), (1, 1))
+        for layer in convolutions
+    )
+    norms = [layer for layer in encoder.modules() if isinstance(layer, nn.GroupNorm)]
+    assert [layer.num_groups for layer in norms] == [8, 8, 8]
+    linear = [layer for layer in encoder.modules() if isinstance(layer, nn.Linear)]
+    assert [(layer.in_features, layer.out_features) for layer in linear] == [(256, 256)] * 2
+    assert encoder(torch.zeros(2, 3, 15, 15), torch.zeros(2, 15, 15)).shape == (2, 256)
+
+
+@pytest.mark.parametrize('name', ['default', 'paper'])
+def test_training_step_lowers_the_loss(name: str) -> None:
+    """A few steps on one batch lower the denoising loss of either preset."""
+    config = preset(name).policy
+    torch.manual_seed(0)
+    policy = DiffusionPolicy(config)
+    optimizer = torch.optim.RAdam(policy.parameters(), lr=2e-4 if name == 'paper' else 3e-3)
+    maps, beliefs = torch.zeros(2, 3, 9, 9), torch.zeros(2, 9, 9)
+    beliefs[:, 4, 4] = 1
+    actions = torch.tensor([[0] * config.horizon, [5] * config.horizon])
+    noise = torch.randn(4, 4, config.horizon)
+    step = torch.tensor([3, 9, 17, 30])
+    losses = []
+    for _ in range(8 if name == 'paper' else 40):
+        loss = policy.loss(maps, beliefs, actions, noise, step)
+        optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        optimizer.step()
+        losses.append(float(loss.detach()))
+    assert losses[-1] < 0.8 * losses[0]
+
+
+@pytest.mark.parametrize('shape', [(5, 7), (15, 15), (30, 30), (1, 200)])
+def test_trunk_takes_any_size(shape: tuple[int, int]) -> None:
+    """The trunk keeps the size of the map, whatever it is."""
+    trunk = MapTrunk(4, (8, 8, 8))
+    assert trunk(torch.zeros(2, 4, *shape)).shape == (2, 8, *shape)
+
+
+def test_belief_encoder_is_linear_up_to_the_last_layer() -> None:
+    """With the belief hidden from the trunk, two half beliefs give the mean of the features."""
+    torch.manual_seed(0)
+    encoder = BeliefMapEncoder((8, 8, 8), 16)
+    encoder.fully_connected = nn.Sequential()
+    weight = encoder.trunk.stem.weight
+    with torch.no_grad():
+        weight[:, 4] = 0
+    maps = torch.rand(1, 3, 9, 9)
+    here, there = torch.zeros(1, 9, 9), torch.zeros(1, 9, 9)
+    here[0, 2, 3], there[0, 7, 7] = 1, 1
+    mean = (encoder(maps, here) + encoder(maps, there)) / 2
+    torch.testing.assert_close(encoder(maps, (here + there) / 2), mean)
+
+
+def test_sampling_is_repeatable_and_batch_free() -> None:
+    """The same noise gives the same plans, alone or in a batch."""
+    torch.manual_seed(0)
+    policy = DiffusionPolicy(preset('default').policy).eval()
+    rng = np.random.default_rng(0)
+    noise = torch.from_numpy(rng.standard_normal((3, 5, 1, 4, 8), dtype=np.float32))
+    maps = torch.from_numpy(rng.integers(0, 2, (3, 3, 11, 11)).astype(np.float32))
+    beliefs = torch.zeros(3, 11, 11)
+    beliefs[:, 5, 5] = 1
+    together = policy.sample(maps, beliefs, noise, 4)
+    assert together.shape == (3, 5, 8)
+    alone = policy.sample(maps[1:2], beliefs[1:2], noise[1:2], 4)
+    assert torch.equal(together[1:2], alone)
+
+
+def test_presets_are_the_papers_numbers() -> None:
+    """The hyperparameters that the paper states are those of its preset."""
+    config = PRESETS['paper']
+    assert config.policy.horizon == 4
+    assert config.planner.execute == 2
+    assert config.policy.time_embedding == 256
+    assert config.policy.diffusion_steps == 32
+    assert config.planner.candidates == 24
+    assert (config.value.rounds, config.value.gamma) == (60, 0.99)

@@ -1,0 +1,191 @@
+"""The planner node over real DDS, in the closed loop with simulator and mapper."""
+
+from __future__ import annotations
+
+import math
+import signal
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import OccupancyGrid, Odometry, Path
+from std_msgs.msg import UInt8
+from tests.ros_helpers import wait_for
+
+from gridnav import GridGeometry
+from gridnav.ros.conversions import to_nanoseconds, to_occupancy_grid, to_odometry, to_pose_stamped
+from gridnav.ros.qos import EPISODE_QOS, MAP_QOS, RELIABLE_QOS
+from maze_sim import MazeSimulation, make_mazes
+from vgdp_planner import ValueGuidedPlanner
+
+if TYPE_CHECKING:
+    from tests.ros_helpers import NodeProcess, Probe, StartNode
+
+READY = 'Planning with'
+SIM, MAPPER, PLANNER = 'maze_sim.node', 'bev_mapper.node', 'vgdp_planner.node'
+
+
+def in_process(seed: int) -> list[int]:
+    """Return the actions of the same episode without ROS."""
+    simulation = MazeSimulation(make_mazes(1, 15, seed))
+    planner = ValueGuidedPlanner.from_pretrained()
+    planner.reset(seed=0)
+    actions = []
+    while simulation.active[0]:
+        row, col = simulation.cells[0].tolist()
+        for action in planner.plan(simulation.partial_maps[0], (row, col)).committed:
+            simulation.step(np.array([action]))
+            actions.append(action)
+    return actions
+
+
+def outcome(episode: list[DiagnosticStatus]) -> str | None:
+    """Return how the episode of the simulator ended, None while it runs."""
+    ends = [m.message for m in episode if m.name == 'maze_sim' and m.message != 'running']
+    return ends[-1] if ends else None
+
+
+def start_loop(node_process: StartNode, **sim: Any) -> dict[str, NodeProcess]:  # noqa: ANN401
+    """Start mapper, planner and simulator."""
+    nodes = {name: node_process(name) for name in (MAPPER, PLANNER)}
+    nodes[PLANNER].wait_output(READY)
+    nodes[SIM] = node_process(SIM, sim)
+    return nodes
+
+
+def test_same_actions_as_in_process(node_process: StartNode, probe: Probe) -> None:
+    """Over DDS the episode takes the very actions that it takes in one process."""
+    actions = probe.record(UInt8, 'action', RELIABLE_QOS)
+    episode = probe.record(DiagnosticStatus, 'episode', EPISODE_QOS)
+    plans = probe.record(Path, 'plan', MAP_QOS)
+    waypoints = probe.record(PoseStamped, 'waypoint', RELIABLE_QOS)
+    start_loop(node_process, seed=2)
+    wait_for(lambda: outcome(episode), 60)
+    assert outcome(episode) == 'success'
+    expected = in_process(2)
+    wait_for(lambda: len(actions) == len(expected))
+    assert [message.data for message in actions] == expected
+    wait_for(lambda: len(waypoints) == len(expected) - 1)
+    stamps = [to_nanoseconds(path.header.stamp) for path in plans]
+    assert stamps == sorted(set(stamps))
+    assert all(path.header.frame_id == 'map' and path.poses for path in plans)
+
+
+@pytest.mark.parametrize('victim', [MAPPER, PLANNER])
+def test_killed_in_mid_maze(node_process: StartNode, probe: Probe, victim: str) -> None:
+    """Mapper or planner are killed in mid-episode and started again: still a success."""
+    episode = probe.record(DiagnosticStatus, 'episode', EPISODE_QOS)
+    odometry = probe.record(Odometry, 'odom', RELIABLE_QOS)
+    nodes = start_loop(node_process, seed=2, rate=20.0)
+
+    def steps() -> int:
+        return len({to_nanoseconds(message.header.stamp) for message in odometry})
+
+    wait_for(lambda: steps() > 8, 60)
+    nodes[victim].kill()
+    assert outcome(episode) is None
+    node_process(victim)
+    wait_for(lambda: outcome(episode), 60)
+    assert outcome(episode) == 'success'
+
+
+def test_bad_messages_are_survived(node_process: StartNode, probe: Probe) -> None:
+    """After malformed maps, poses and goals a good observation still gets its plan."""
+    node = node_process(PLANNER)
+    node.wait_output(READY)
+    maps = probe.publisher(OccupancyGrid, 'map', MAP_QOS)
+    poses = probe.publisher(Odometry, 'odom', RELIABLE_QOS)
+    goals = probe.publisher(PoseStamped, 'goal_pose', MAP_QOS)
+    plans = probe.record(Path, 'plan', MAP_QOS)
+    geometry = GridGeometry(7, 9, 0.5, -1.0, 2.0)
+    occupancy = np.full((7, 9), -1, dtype=np.int8)
+    occupancy[2:5, 2:7] = 0
+
+    def grid(stamp: int = 10) -> OccupancyGrid:
+        return to_occupancy_grid(occupancy, geometry, stamp=stamp, frame_id='map')
+
+    def pose(stamp: int, x: float = 1.0, frame: str = 'odom') -> Odometry:
+        return to_odometry(x, 3.7, stamp=stamp, frame_id=frame, child_frame_id='base_link')
+
+    cut, flat, lost = grid(), grid(), grid()
+    cut.data = cut.data[:-5]
+    flat.info.resolution = 0.0
+    lost.header.frame_id = ''
+    nan_scale, turned = grid(), grid()
+    nan_scale.info.resolution = math.nan
+    turned.info.origin.orientation.z = 1.0
+    for message in (cut, flat, lost, nan_scale, turned):
+        maps.publish(message)
+    poses.publish(pose(10, math.nan))
+    poses.publish(pose(10, 1.0, ''))
+    goals.publish(to_pose_stamped(math.inf, 0.0, stamp=10, frame_id='map'))
+    goals.publish(to_pose_stamped(0.0, 0.0, stamp=10, frame_id='moon'))
+    poses.publish(pose(11, 1e5))
+    maps.publish(grid(11))
+    wait_for(lambda: 'is not on the map' in node.output)
+    assert not plans
+    poses.publish(pose(12))
+    maps.publish(grid(12))
+    wait_for(lambda: plans)
+    assert to_nanoseconds(plans[0].header.stamp) == 12
+    first = plans[0].poses[0].pose.position
+    assert (first.x, first.y) == (1.25, 3.75)
+    node.assert_alive()
+
+
+def test_gives_up_with_a_verdict(node_process: StartNode, probe: Probe) -> None:
+    """In a closed room the planner says 'exhausted' on `episode` and sends nothing."""
+    node_process(PLANNER).wait_output(READY)
+    maps = probe.publisher(OccupancyGrid, 'map', MAP_QOS)
+    poses = probe.publisher(Odometry, 'odom', RELIABLE_QOS)
+    episode = probe.record(DiagnosticStatus, 'episode', EPISODE_QOS)
+    plans = probe.record(Path, 'plan', MAP_QOS)
+    actions = probe.record(UInt8, 'action', RELIABLE_QOS)
+    occupancy = np.full((5, 5), 100, dtype=np.int8)
+    occupancy[1:4, 1:4] = 0
+    geometry = GridGeometry(5, 5, 1.0)
+    maps.publish(to_occupancy_grid(occupancy, geometry, stamp=5, frame_id='map'))
+    poses.publish(to_odometry(2.5, 2.5, stamp=5, frame_id='odom', child_frame_id='base_link'))
+    wait_for(lambda: episode and plans)
+    assert (episode[0].name, episode[0].message) == ('vgdp_planner', 'exhausted')
+    assert not plans[0].poses
+    assert not actions
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('busy', [False, True])
+def test_signals_end_it_quietly(
+    node_process: StartNode, probe: Probe, number: int, *, busy: bool
+) -> None:
+    """SIGINT and SIGTERM, idle and in mid-episode: exit code 0, nothing on stderr, in time."""
+    if busy:
+        actions = probe.record(UInt8, 'action', RELIABLE_QOS)
+        node = start_loop(node_process, seed=4, size=31)[PLANNER]
+        wait_for(lambda: len(actions) > 5, 60)
+    else:
+        node = node_process(PLANNER)
+        node.wait_output(READY)
+        time.sleep(0.3)
+    assert node.end(number) < 2.0
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'named'),
+    [
+        ({'weights': '/nowhere'}, 'nowhere'),
+        ({'device': 'abacus'}, 'abacus'),
+        ({'threads': 0}, 'threads'),
+        ({'action_timeout': -1.0}, 'action_timeout'),
+    ],
+)
+def test_bad_parameters_are_named(
+    node_process: StartNode, parameters: dict[str, object], named: str
+) -> None:
+    """A wrong parameter ends the start with one sentence that names it."""
+    node = node_process(PLANNER, parameters)
+    assert node.process.wait(30) == 1
+    assert named in node.output
+    assert 'Traceback' not in node.output

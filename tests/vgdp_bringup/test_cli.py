@@ -42,7 +42,7 @@ def test_the_demo_says_its_options(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         main(['demo', '--help'])
     assert end.value.code == 0
-    output = capsys.readouterr().out
+    output = ' '.join(capsys.readouterr().out.split())
     for option, default in (('--size', '15'), ('--rate', '10.0'), ('--out', 'out/demo')):
         assert option in output
         assert f'(default: {default})' in output

@@ -43,7 +43,7 @@ def stub(module: str, *names: str) -> ModuleType:
 
 
 @pytest.fixture(scope='module')
-def launched() -> Iterator[list[Recorded]]:
+def launched() -> list[Recorded]:
     """Return what the launch file describes."""
     stubs = {
         'launch': stub('launch', 'LaunchDescription'),
@@ -64,7 +64,8 @@ def launched() -> Iterator[list[Recorded]]:
             patch.setitem(sys.modules, name, module)
         namespace = runpy.run_path(str(SHARE / 'launch' / 'maze.launch.py'))
         description: Recorded = namespace['generate_launch_description']()
-    yield description.positional[0]
+    items: list[Recorded] = description.positional[0]
+    return items
 
 
 def find(item: Any, name: str) -> Iterator[Recorded]:  # noqa: ANN401

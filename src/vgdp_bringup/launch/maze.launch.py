@@ -3,6 +3,8 @@
 ros2 launch vgdp_bringup maze.launch.py size:=20 view_range:=2 seed:=3 rate:=5.0
 """
 
+from __future__ import annotations
+
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from copy import copy
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,6 +21,9 @@ from vgdp_bringup.topics import TOPICS, Topic
 
 if TYPE_CHECKING:
     from rclpy.qos import QoSProfile
+
+QUEUE_DEPTH = 1000
+"""So many messages of a topic may wait while the disk is busy; none must get lost."""
 
 
 @dataclass
@@ -70,7 +74,9 @@ class RecorderNode(BaseNode[RecorderParameters]):
             self._recorder.write(name, self.get_clock().now().nanoseconds, data)
             self.diagnostics.received(topic.name)
 
-        self.create_subscription(message_class(topic), topic.name, receive, qos, raw=True)
+        queue = copy(qos)
+        queue.depth = max(qos.depth, QUEUE_DEPTH)
+        self.create_subscription(message_class(topic), topic.name, receive, queue, raw=True)
 
 
 def qos_of(topic: Topic) -> QoSProfile:

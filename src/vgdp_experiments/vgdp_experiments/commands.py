@@ -12,10 +12,11 @@ GROUPS: dict[str, tuple[str, dict[str, tuple[str, str]]]] = {
         {'expert': ('vgdp_experiments.data', 'expert episodes in mazes')},
     ),
     'train': (
-        'train a network',
+        'train the networks',
         {
             'policy': ('vgdp_experiments.train_policy', 'the diffusion policy'),
             'value': ('vgdp_experiments.train_value', 'the value function'),
+            'join': ('vgdp_experiments.join', 'join both into the weights of a planner'),
         },
     ),
     'eval': (

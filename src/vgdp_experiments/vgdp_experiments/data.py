@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,11 +62,13 @@ class Demonstrations:
         codes: Packed partial maps, uint8 (N, H, W).
         cells: uint8 (N, 2).
         actions: uint8 (N, T).
+        settings: How they were made.
     """
 
     codes: NDArray[np.uint8]
     cells: NDArray[np.uint8]
     actions: NDArray[np.uint8]
+    settings: dict[str, Any] = field(default_factory=dict)
 
     def sample(self, count: int, rng: np.random.Generator) -> Batch:
         """Draw demonstrations."""
@@ -146,7 +148,12 @@ def load_demonstrations(path: Path) -> Demonstrations:
     """
     try:
         with np.load(path, allow_pickle=False) as arrays:
-            return Demonstrations(arrays['codes'], arrays['cells'], arrays['actions'])
+            return Demonstrations(
+                arrays['codes'],
+                arrays['cells'],
+                arrays['actions'],
+                json.loads(str(arrays['settings'])),
+            )
     except FileNotFoundError as error:
         msg = f'There are no demonstrations in {path}; make them with `vgdp data expert`.'
         raise ValueError(msg) from error

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from vgdp_experiments.data import Batch, load_demonstrations
+from vgdp_experiments.data import Batch, Demonstrations, load_demonstrations
 from vgdp_experiments.training import (
     Ema,
     TrainingLog,
@@ -77,17 +77,23 @@ def run(arguments: argparse.Namespace) -> int:
     torch.manual_seed(settings.seed)
     config = preset(settings.preset)
     policy = DiffusionPolicy(config.policy).to(settings.device)
-    loss = train(policy, settings)
+    demonstrations = load_demonstrations(Path(settings.data))
+    loss = train(policy, demonstrations, settings)
     tensors = {f'policy.{name}': value.cpu() for name, value in policy.state_dict().items()}
-    training = {'policy': {**asdict(settings), 'losses': {'denoising': loss}}}
-    save_weights(settings.out, config, tensors, training)
+    record = {
+        **asdict(settings),
+        'demonstrations': demonstrations.settings,
+        'losses': {'denoising': loss},
+    }
+    save_weights(settings.out, config, tensors, {'policy': record})
     print(f'Policy written to {settings.out}.')  # noqa: T201
     return 0
 
 
-def train(policy: DiffusionPolicy, settings: PolicyTraining) -> float:
+def train(
+    policy: DiffusionPolicy, demonstrations: Demonstrations, settings: PolicyTraining
+) -> float:
     """Train a policy in place; returns the last loss, averaged over a hundred steps."""
-    demonstrations = load_demonstrations(Path(settings.data))
     folder = Path(settings.out)
     folder.mkdir(parents=True, exist_ok=True)
     optimizer = torch.optim.RAdam(

@@ -75,7 +75,9 @@ class PlannerParameters:
         low=0.1,
         high=3600.0,
     )
-    map_frame: str = parameter('map', 'Frame of map, goal_pose and what is published')
+    map_frame: str = parameter(
+        'map', 'Frame of map, goal_pose and what is published', read_only=True
+    )
     odom_frame: str = parameter(
         'odom', 'Frame of odom, taken to be where the map frame is', read_only=True
     )

@@ -1,0 +1,107 @@
+"""Joins a trained value function and a trained policy into the weights of one planner."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vgdp_experiments.report import Report
+from vgdp_planner.weights import load_weights, read_record, save_weights
+
+if TYPE_CHECKING:
+    import argparse
+
+CARD = """\
+# Weights of the `{preset}` preset
+
+A diffusion policy, a value function and a belief filter for grids of any size; trained on mazes
+of 12 to 20 cells a side with view ranges 1 to 3, a part of them with loops. Made for
+`vgdp_planner.ValueGuidedPlanner.from_pretrained()`. They see the partial map and the belief,
+nothing else. They have not been trained on open rooms or outdoors.
+
+`model.safetensors` holds the tensors, `config.json` the configuration and the training settings.
+
+## How they were made
+
+```
+{commands}
+```
+
+Everything random comes from the seeds in these commands; `make setup` installs the versions they
+ran with. Losses at the end: {losses}.
+
+## Scores
+
+{scores}
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument('--value', type=Path, default=Path('runs/value'), help='trained value')
+    parser.add_argument('--policy', type=Path, default=Path('runs/policy'), help='trained policy')
+    parser.add_argument('--out', type=Path, required=True, help='folder to write')
+    parser.add_argument('--results', type=Path, help='JSON of `vgdp eval gridmaze` for the card')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the joined weights and their model card; returns the exit code."""
+    config, tensors = load_weights(arguments.value)
+    _, policy_tensors = load_weights(arguments.policy)
+    training = read_record(arguments.value)['training'] | read_record(arguments.policy)['training']
+    save_weights(arguments.out, config, tensors | policy_tensors, training)
+    card = CARD.format(
+        preset=training['value']['preset'],
+        commands='\n'.join(commands(training, arguments)),
+        losses=', '.join(
+            f'{name} {value:.4g}'
+            for part in ('value', 'policy')
+            for name, value in training[part]['losses'].items()
+        ),
+        scores=scores(arguments.results),
+    )
+    (arguments.out / 'README.md').write_text(card, encoding='utf-8')
+    print(f'Weights written to {arguments.out}.')  # noqa: T201
+    return 0
+
+
+def commands(training: dict[str, Any], arguments: argparse.Namespace) -> list[str]:
+    """Return the commands that trained the weights, with all their settings."""
+
+    def command(words: str, settings: dict[str, Any]) -> str:
+        options = ' '.join(
+            f'--{name.replace("_", "-")} {value}'
+            for name, value in settings.items()
+            if name not in ('losses', 'demonstrations') and value != ''
+        )
+        return f'vgdp {words} {options}'
+
+    return [
+        command('train value', training['value']),
+        command('data expert', training['policy']['demonstrations']),
+        command('train policy', training['policy']),
+        f'vgdp train join --value {arguments.value} --policy {arguments.policy} '
+        f'--out {arguments.out}',
+    ]
+
+
+def scores(results: Path | None) -> str:
+    """Return the evaluation as a table of the card."""
+    if results is None:
+        return 'Not evaluated yet.'
+    report = Report.load(results)
+    lines = [
+        f'`{" ".join(report.command)}`',
+        '',
+        '| method | success (95 % interval) | SPL by path cost | steps | failures |',
+        '| --- | --- | --- | --- | --- |',
+    ]
+    for name, score in report.scores().items():
+        summary = score.summary
+        failures = ', '.join(f'{n} {why}' for why, n in summary.failures.items()) or 'none'
+        lines.append(
+            f'| {name} | {summary.success:.4f} ({summary.success_low:.4f} to '
+            f'{summary.success_high:.4f}) | {summary.spl:.3f} | {summary.steps:.1f} | '
+            f'{failures} |'
+        )
+    return '\n'.join(lines)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from gridnav.ros.parameters import parameter_rows
 from maze_sim.node import MazeSimParameters
 from vgdp_bringup.node import RecorderParameters
 from vgdp_bringup.topics import TOPICS
-from vgdp_experiments.report import Report
+from vgdp_experiments.report import Report, markdown
 from vgdp_planner.node import PlannerParameters
 
 ROOT = Path(__file__).parents[1]
@@ -61,29 +60,7 @@ def parameters() -> str:
 
 def results() -> str:
     """Return the results of the shipped weights, from the reports in docs/results."""
-    parts = []
-    for path in sorted(RESULTS.glob('*.json')):
-        report = Report.from_dict(json.loads(path.read_text(encoding='utf-8')))
-        config = report.config
-        lines = [
-            f'{config.size}×{config.size}, view range {config.view_range}, budget '
-            f'{config.budget}, {config.trials} × {config.episodes} mazes '
-            f'(`{" ".join(report.command)}`):',
-            '',
-            '| method | success (95 % interval) | SPL by path cost | steps | failures | '
-            'ms a decision |',
-            '| --- | --- | --- | --- | --- | --- |',
-        ]
-        for name, score in report.scores().items():
-            summary = score.summary
-            failures = ', '.join(f'{n} {why}' for why, n in summary.failures.items()) or 'none'
-            lines.append(
-                f'| {name} | {summary.success:.4f} ({summary.success_low:.4f} to '
-                f'{summary.success_high:.4f}) | {summary.spl:.3f} | {summary.steps:.1f} | '
-                f'{failures} | {score.ms_per_decision:.2g} |'
-            )
-        parts.append('\n'.join(lines))
-    return '\n\n'.join(parts)
+    return '\n\n'.join(markdown(Report.load(path)) for path in sorted(RESULTS.glob('*.json')))
 
 
 def render(text: str) -> str:

@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from vgdp_experiments.options import refuse
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 GROUPS: dict[str, tuple[str, dict[str, tuple[str, str]]]] = {
     'data': (
@@ -58,10 +64,18 @@ class CommandParser(argparse.ArgumentParser):
             return argparse.Namespace(run=lambda _args: module.main(args)), []
         if not self._complete:
             module.add_arguments(self)
-            self.set_defaults(run=module.run)
+            self.set_defaults(run=partial(_run, module.run))
             self._complete = True
         parsed: tuple[argparse.Namespace, list[str]] = super().parse_known_args(args, namespace)
         return parsed
+
+
+def _run(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) -> int:
+    """Run a command; what it can't use is said in one sentence."""
+    try:
+        return run(args)
+    except (ValueError, OSError) as error:
+        return refuse(error)
 
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

@@ -22,6 +22,7 @@ from gridnav import DONE
 from maze_sim import MazeSimulation
 from maze_sim.expert import Expert
 from vgdp_experiments.map_codes import pack, unpack
+from vgdp_experiments.options import add_settings, read_settings
 from vgdp_experiments.rollouts import GreedyExplorer
 from vgdp_experiments.worlds import training_maze
 from vgdp_planner.value import ValueNetwork
@@ -107,14 +108,12 @@ class DataSettings:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the settings as options."""
-    for name, value in asdict(DataSettings()).items():
-        parser.add_argument(f'--{name.replace("_", "-")}', type=type(value), default=value)
+    add_settings(parser, DataSettings)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Generate demonstrations and write them; returns the exit code."""
-    names = asdict(DataSettings())
-    settings = DataSettings(**{name: getattr(arguments, name) for name in names})
+    settings = read_settings(DataSettings, arguments)
     groups = [
         (settings, number, min(AT_ONCE, settings.mazes - begin))
         for number, begin in enumerate(range(0, settings.mazes, AT_ONCE))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vgdp_experiments.report import Report
+from vgdp_experiments.report import Report, markdown
 from vgdp_planner.weights import load_weights, read_record, save_weights
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
             for part in ('value', 'policy')
             for name, value in training[part]['losses'].items()
         ),
-        scores=scores(arguments.results),
+        scores=markdown(Report.load(arguments.results)) if arguments.results else 'Not evaluated.',
     )
     (arguments.out / 'README.md').write_text(card, encoding='utf-8')
     print(f'Weights written to {arguments.out}.')  # noqa: T201
@@ -80,28 +80,8 @@ def commands(training: dict[str, Any], arguments: argparse.Namespace) -> list[st
         command('train value', training['value']),
         command('data expert', training['policy']['demonstrations']),
         command('train policy', training['policy']),
-        f'vgdp train join --value {arguments.value} --policy {arguments.policy} '
-        f'--out {arguments.out}',
+        (
+            f'vgdp train join --value {arguments.value} --policy {arguments.policy} '
+            f'--out {arguments.out}'
+        ),
     ]
-
-
-def scores(results: Path | None) -> str:
-    """Return the evaluation as a table of the card."""
-    if results is None:
-        return 'Not evaluated yet.'
-    report = Report.load(results)
-    lines = [
-        f'`{" ".join(report.command)}`',
-        '',
-        '| method | success (95 % interval) | SPL by path cost | steps | failures |',
-        '| --- | --- | --- | --- | --- |',
-    ]
-    for name, score in report.scores().items():
-        summary = score.summary
-        failures = ', '.join(f'{n} {why}' for why, n in summary.failures.items()) or 'none'
-        lines.append(
-            f'| {name} | {summary.success:.4f} ({summary.success_low:.4f} to '
-            f'{summary.success_high:.4f}) | {summary.spl:.3f} | {summary.steps:.1f} | '
-            f'{failures} |'
-        )
-    return '\n'.join(lines)

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import re
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+T = TypeVar('T')
 
 USAGE_ERROR = 2
 """Exit status for options that can not be used, as argparse has it."""
@@ -33,3 +37,22 @@ def refuse(error: Exception) -> int:
     """Say in one sentence why the options can't be used, and return the exit status."""
     sys.stderr.write(f'error: {error}\n')
     return USAGE_ERROR
+
+
+def add_settings(parser: argparse.ArgumentParser, kind: type[Any]) -> None:
+    """Add an option for each field of a dataclass, explained as in its docstring."""
+    text = ' '.join((kind.__doc__ or '').split())
+    for field in dataclasses.fields(kind):
+        explained = re.search(rf' {field.name}: (.*?)\.(?= [a-z_]+: |$)', text)
+        parser.add_argument(
+            f'--{field.name.replace("_", "-")}',
+            type=type(field.default),
+            default=field.default,
+            help=f'{explained[1] if explained else ""} (default: {field.default!r})',
+        )
+
+
+def read_settings(kind: type[T], arguments: argparse.Namespace) -> T:
+    """Return the dataclass that the options describe."""
+    fields = dataclasses.fields(kind)  # type: ignore[arg-type]
+    return kind(**{field.name: getattr(arguments, field.name) for field in fields})

@@ -231,6 +231,38 @@ class Report:
         return table
 
 
+def markdown(report: Report) -> str:
+    """Return what was evaluated, by which command, and a table with a row for each method."""
+    config = report.config
+    what = (
+        f'{config.size}×{config.size}, view range {config.view_range}, budget {config.budget}, '
+        f'{config.trials} × {config.episodes} mazes (`{" ".join(report.command)}`):'
+    )
+    columns = (
+        'method',
+        'success (95 % interval)',
+        'SPL by path cost',
+        'ratio to frontier',
+        'steps',
+        'failures',
+        'ms a decision',
+    )
+    lines = [what, '', f'| {" | ".join(columns)} |', '|' + ' --- |' * len(columns)]
+    for name, score in report.scores().items():
+        summary = score.summary
+        cells = (
+            name,
+            f'{summary.success:.4f} ({summary.success_low:.4f} to {summary.success_high:.4f})',
+            f'{summary.spl:.3f}',
+            '–' if score.spl_ratio is None else f'{score.spl_ratio:.3f}',
+            f'{summary.steps:.1f}',
+            ', '.join(f'{number} {why}' for why, number in summary.failures.items()) or 'none',
+            f'{score.ms_per_decision:.2g}',
+        )
+        lines.append(f'| {" | ".join(cells)} |')
+    return '\n'.join(lines)
+
+
 def _score(trials: Sequence[Trial], summary: Summary, reference_spl: float) -> Scores:
     rates = [summarize(trial.results).success for trial in trials]
     decisions = sum(trial.decisions for trial in trials)

@@ -20,6 +20,7 @@ from tqdm import tqdm
 
 from vgdp_experiments.data import load_demonstrations
 from vgdp_experiments.map_codes import unpack
+from vgdp_experiments.options import add_settings, read_settings
 from vgdp_experiments.rollouts import ExplorationSteps, explore
 from vgdp_experiments.train_dynamics import motion_loss, train_dynamics
 from vgdp_experiments.training import (
@@ -93,14 +94,12 @@ class ValueParts(nn.Module):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the settings as options."""
-    for name, value in asdict(ValueTraining()).items():
-        parser.add_argument(f'--{name.replace("_", "-")}', type=type(value), default=value)
+    add_settings(parser, ValueTraining)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Train and write the weights; returns the exit code."""
-    names = asdict(ValueTraining())
-    settings = ValueTraining(**{name: getattr(arguments, name) for name in names})
+    settings = read_settings(ValueTraining, arguments)
     torch.set_num_threads(settings.threads)
     torch.manual_seed(settings.seed)
     config = preset(settings.preset)

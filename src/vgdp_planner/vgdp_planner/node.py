@@ -66,7 +66,13 @@ class PlannerParameters:
         '', 'Folder with the weights; the shipped ones if empty', read_only=True
     )
     device: str = parameter('cpu', 'Where the networks run: cpu or cuda', read_only=True)
-    threads: int = parameter(2, 'CPU threads of the networks', low=1, high=256, read_only=True)
+    threads: int = parameter(
+        1,
+        'CPU threads of the networks; more than one is slower where other processes are busy',
+        low=1,
+        high=256,
+        read_only=True,
+    )
     action_timeout: float = parameter(
         5.0,
         'Without any news for this long after an action, it counts as lost and the planner plans '

@@ -25,8 +25,9 @@ demo: $(READY) ## Watch a robot find its way out of a maze; ARGS="--size 30 --se
 demo-seeds: $(READY) ## Run the demo for the seeds 0 to 19 and print a table; ARGS as above.
 	@scripts/demo_seeds.sh $(ARGS)
 
+# A sourced ROS 2 brings pytest plugins of its own, made for another pytest.
 test: lint ## Lint and run the tests; ARGS go to pytest.
-	@$(BIN)/python -m pytest $(ARGS)
+	@PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 $(BIN)/python -m pytest $(ARGS)
 
 lint: $(READY) ## Check style, format and types.
 	@$(BIN)/ruff check
@@ -40,8 +41,12 @@ bench: $(READY) ## Measure the simulator and the planner.
 	@$(BIN)/vgdp bench sim
 	@$(BIN)/vgdp bench planner
 
+tables: $(READY) ## Write the tables in the README and the parameter file anew from the code.
+	@$(BIN)/python scripts/write_readme.py
+	@$(BIN)/python scripts/write_config.py
+
 clean: ## Remove what the other targets made, the virtual environment too.
 	rm -rf .venv out ros2_ws/build ros2_ws/install ros2_ws/log .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find src -name '*.egg-info' -prune -exec rm -rf {} +
 
-.PHONY: help setup demo demo-seeds test lint workspace bench clean
+.PHONY: help setup demo demo-seeds test lint workspace bench tables clean

@@ -140,7 +140,7 @@ def write_config() -> dict[str, Any]:
 
 
 def test_the_parameter_file_is_up_to_date() -> None:
-    """It holds every parameter at its default; `scripts/write_config.py` writes it anew."""
+    """It holds every parameter at its default; `make tables` writes it anew."""
     pytest.importorskip('rclpy')
     text = (SHARE / 'config' / 'maze.yaml').read_text()
     assert text == write_config()['render']()

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from rclpy.qos import QoSCompatibility, qos_check_compatible
 from tests.ros_helpers import wait_for
 
 from vgdp_bringup.node import message_class, qos_of
@@ -39,8 +38,6 @@ def test_the_table_is_what_the_nodes_offer(
             qos = qos_of(topic)
             assert info.qos_profile.reliability == qos.reliability, name
             assert info.qos_profile.durability == qos.durability, name
-            verdict, reason = qos_check_compatible(info.qos_profile, qos)
-            assert verdict == QoSCompatibility.OK, reason
 
 
 @pytest.mark.parametrize('topic', TOPICS, ids=lambda topic: topic.name)

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 OBSTACLE, FREE, GOAL = 0, 1, 2
+CHANNELS = 3
 
 UNKNOWN_VALUE, FREE_VALUE, OCCUPIED_VALUE = -1, 0, 100
 """The values of a ternary ``nav_msgs/OccupancyGrid``."""
@@ -62,7 +63,7 @@ def as_partial_maps(array: NDArray[Any]) -> NDArray[np.float32]:
         ValueError: If it does not, with one sentence that says why.
     """
     maps = np.asarray(array)
-    if maps.ndim not in (3, 4) or maps.shape[-3] != 3 or 0 in maps.shape[-2:]:
+    if maps.ndim not in (3, 4) or maps.shape[-3] != CHANNELS or 0 in maps.shape[-2:]:
         msg = f'A partial map has the shape (3, H, W), got {maps.shape}.'
         raise ValueError(msg)
     maps = maps.astype(np.float32, copy=False)

@@ -32,7 +32,7 @@ class RecorderParameters:
 
     bag: str = parameter(
         '',
-        'folder of the bag to write, which must not exist yet; empty for rosbag2_<date>-<time>',
+        'Folder of the bag to write, which must not exist yet; empty for rosbag2_<date>-<time>',
         read_only=True,
     )
 

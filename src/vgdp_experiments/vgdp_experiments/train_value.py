@@ -48,6 +48,7 @@ EXPLORATION_GROUPS = ((15, 1), (15, 2), (15, 2), (15, 3), (12, 2), (20, 2))
 EXPLORED_AT_ONCE = 256
 CHECKPOINT_EVERY = 500
 GRADIENT_NORM = 1.0
+TURNED_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -228,7 +229,7 @@ def _turned(
 ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
     """Turn and mirror square maps (N, H, H) together with cells (N, 2), all alike."""
     last = codes.shape[1] - 1
-    swap, flip_rows, flip_cols = rng.integers(2, size=3)
+    swap, flip_rows, flip_cols = rng.random(3) < TURNED_SHARE
     if swap:
         codes, cells = codes.transpose(0, 2, 1), cells[:, ::-1]
     if flip_rows:

@@ -22,6 +22,8 @@ from maze_sim import MazeSimulation, make_mazes
 from vgdp_planner import ValueGuidedPlanner
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tests.ros_helpers import NodeProcess, Probe, StartNode
 
 READY = 'Planning with'
@@ -133,6 +135,33 @@ def test_bad_messages_are_survived(node_process: StartNode, probe: Probe) -> Non
     assert to_nanoseconds(plans[0].header.stamp) == 12
     first = plans[0].poses[0].pose.position
     assert (first.x, first.y) == (1.25, 3.75)
+    node.assert_alive()
+
+
+def test_second_publisher_and_late_joiner(
+    node_process: StartNode, make_probe: Callable[[], Probe]
+) -> None:
+    """A second source of maps is survived and named; who comes late gets the latest plan."""
+    node = node_process(PLANNER)
+    node.wait_output(READY)
+    first, second, late = make_probe(), make_probe(), make_probe()
+    geometry = GridGeometry(5, 6, 1.0)
+    occupancy = np.full((5, 6), -1, dtype=np.int8)
+    occupancy[2, 1:4] = 0
+    plans = first.record(Path, 'plan', MAP_QOS)
+    maps = [probe.publisher(OccupancyGrid, 'map', MAP_QOS) for probe in (first, second)]
+    poses = first.publisher(Odometry, 'odom', RELIABLE_QOS)
+    for stamp in (5, 6):
+        poses.publish(
+            to_odometry(2.5, 2.5, stamp=stamp, frame_id='odom', child_frame_id='base_link')
+        )
+        for publisher in maps:
+            publisher.publish(to_occupancy_grid(occupancy, geometry, stamp=stamp, frame_id='map'))
+        wait_for(lambda: plans)
+    wait_for(lambda: 'publishers, one is expected' in node.output)
+    latched = late.record(Path, 'plan', MAP_QOS)
+    wait_for(lambda: latched)
+    assert latched[0] == plans[-1]
     node.assert_alive()
 
 

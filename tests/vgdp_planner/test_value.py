@@ -114,6 +114,19 @@ def test_a_goal_in_reach_beats_the_unseen(network: ValueNetwork) -> None:
 
 
 @torch.no_grad()
+def test_values_stay_costs_when_the_goal_is_behind_the_unseen(network: ValueNetwork) -> None:
+    """With the goal in sight but no known way, the values are those of looking further."""
+    partial_map = np.zeros((3, 9, 9), dtype=np.float32)
+    partial_map[FREE, 4, 1:4] = 1
+    partial_map[OBSTACLE, 3, :] = partial_map[OBSTACLE, 5, :] = 1
+    before = network(torch.from_numpy(partial_map)[None]).shown(0)
+    partial_map[FREE, 8, 8] = partial_map[GOAL, 8, 8] = 1
+    after = network(torch.from_numpy(partial_map)[None]).shown(0)
+    assert after[8, 8] == 0
+    assert np.abs(after[4, 1:4] - before[4, 1:4]).max() < 80
+
+
+@torch.no_grad()
 def test_nothing_in_reach(network: ValueNetwork) -> None:
     """In a closed, fully seen room no cell reaches anything."""
     blocked = np.ones((5, 5), dtype=bool)

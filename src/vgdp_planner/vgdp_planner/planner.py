@@ -206,6 +206,7 @@ class ValueGuidedPlanner:
             chosen = np.where(replaced.cpu().numpy()[:, None], greedy.cpu().numpy(), chosen)
             committed = self._commit(checks, chosen)
 
+        scores = values.without_offsets(scores)
         plans = []
         for row, name in enumerate(names):
             self._decisions[name] = self._decisions.get(name, 0) + 1

@@ -47,6 +47,7 @@ class Values:
         step_rewards: R(s, a) of equation 8, (B, A, H, W).
         rounds: Rounds of value iteration that were run.
         residual: Largest change of a value in the last round.
+        offsets: What was taken off the worth of the unseen because the goal was seen, (B,).
     """
 
     values: Tensor
@@ -56,10 +57,17 @@ class Values:
     step_rewards: Tensor
     rounds: int
     residual: float
+    offsets: Tensor
+
+    def without_offsets(self, values: Tensor) -> Tensor:
+        """Return values (B, …) as costs to come: with the offset back where it was taken off."""
+        offsets = self.offsets.view(-1, *[1] * (values.ndim - 1))
+        return torch.where(values <= -offsets, values + offsets, values)
 
     def shown(self, row: int) -> NDArray[np.float32]:
         """Return V(s) of one map for showing, (H, W), NaN where nothing is in reach."""
-        values = torch.where(self.reached[row], self.values[row], torch.nan)
+        values = self.without_offsets(self.values)[row]
+        values = torch.where(self.reached[row], values, torch.nan)
         array: NDArray[np.float32] = values.detach().cpu().numpy()
         return array
 
@@ -188,7 +196,8 @@ class ValueNetwork(nn.Module):
             values = new_values
         reached = torch.ones_like(values, dtype=torch.bool)
         rounds = self._rounds(partial_maps)
-        return Values(values, q_values, reached, steps, rewards, rounds, residual)
+        offsets = values.new_zeros(len(values))
+        return Values(values, q_values, reached, steps, rewards, rounds, residual, offsets)
 
     def _iterate_to_boundary(self, partial_maps: Tensor, worth: Tensor) -> Values:
         """Value iteration over the observed free cells, up to the goal and to what is unseen.
@@ -199,11 +208,13 @@ class ValueNetwork(nn.Module):
         """
         obstacle, free, goal = (partial_maps[:, channel] > 0 for channel in (OBSTACLE, FREE, GOAL))
         unseen = ~(obstacle | free | goal)
-        goal_seen = goal.flatten(1).any(dim=1)[:, None, None]
+        goal_seen = goal.flatten(1).any(dim=1)
         longest_way = float(partial_maps[0, 0].numel()) * float(STEP_LENGTHS.max())
-        boundary_values = torch.where(
-            goal, 0.0, torch.where(unseen, worth - longest_way * goal_seen, UNREACHED)
-        )
+        offsets = longest_way * goal_seen
+        # A worth above 0 would be a cost below 0; and no offset may reach into ways to the goal.
+        worth = torch.where(goal_seen[:, None, None], worth.clamp_max(0), worth)
+        worth = worth - offsets[:, None, None]
+        boundary_values = torch.where(goal, 0.0, torch.where(unseen, worth, UNREACHED))
         fixed = unseen | goal | obstacle
 
         mask = self.action_mask(partial_maps)[:, :NUM_MOVES]
@@ -239,4 +250,6 @@ class ValueNetwork(nn.Module):
         ended = unseen[:, None]
         q_values = torch.where(ended, values[:, None], torch.cat([back_up(values), done], dim=1))
         step_rewards = torch.cat([rewards, torch.zeros_like(done)], dim=1) * ~ended
-        return Values(values, q_values, reached, mask * ~ended, step_rewards, rounds, residual)
+        return Values(
+            values, q_values, reached, mask * ~ended, step_rewards, rounds, residual, offsets
+        )

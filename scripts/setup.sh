@@ -53,9 +53,10 @@ if compgen -G '.venv/.ready-*' >/dev/null; then
   rm .venv/.ready-*
 fi
 echo 'setup: [2/4] PyTorch'
-"${pip[@]}" -r requirements-torch.txt
+"${pip[@]}" -c requirements-build.txt -r requirements-torch.txt
 echo 'setup: [3/4] libraries'
-"${pip[@]}" -c requirements-torch.txt -r requirements-build.txt "${ros_wheels[@]}" \
+"${pip[@]}" -r requirements-build.txt
+"${pip[@]}" -c requirements-torch.txt -c requirements-build.txt "${ros_wheels[@]}" \
   -r requirements.txt -r requirements-dev.txt
 echo 'setup: [4/4] this project'
 packages=()

@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 from tests.vgdp_bringup.synthetic import SECOND, SyntheticBag
 
-from vgdp_bringup.bags import Episode, read_episodes
+from vgdp_bringup.bags import BagError, Episode, read_episodes
 from vgdp_bringup.pictures import (
     CELL_COLORS,
     GOAL,
@@ -103,7 +103,7 @@ def test_the_still_shows_values(
 
 def test_without_a_map_there_is_nothing_to_draw(tmp_path: Path) -> None:
     """One sentence instead of an empty picture."""
-    with pytest.raises(ValueError, match='No map was recorded'):
+    with pytest.raises(BagError, match='No map was recorded'):
         save_pictures(Episode(start=0), tmp_path)
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import signal
 import sys
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -19,8 +21,6 @@ from vgdp_bringup.progress import LiveDisplay, PlainDisplay
 from vgdp_bringup.watcher import RunWatcher
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from vgdp_bringup.bags import Episode
     from vgdp_bringup.progress import Display
 
@@ -32,6 +32,9 @@ REFRESH_S = 0.1
 
 AFTERMATH_S = 1.0
 """After the end, the last observation and map still come in for so long."""
+
+QUICK_DISCOVERY = Path(__file__).with_name('quick_discovery.xml')
+"""Settings of Fast DDS with which processes find each other at once."""
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells have it."""
@@ -68,8 +71,10 @@ def run(options: DemoOptions) -> int:
     """
     console = Console(highlight=False)
     bag = options.out / 'bag'
-    # Ctrl-C and kill are the same to us: stop the nodes, then leave.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # Ctrl-C and kill are the same to us: stop the nodes, then leave. A shell has its background
+    # processes ignore the first one.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     try:
         for folder in (bag, options.out / 'logs'):
             shutil.rmtree(folder, ignore_errors=True)
@@ -114,6 +119,7 @@ def run_stack(options: DemoOptions, bag: Path, console: Console) -> None:
         TimeoutError: If nothing happened for too long.
     """
     domain_id = free_domain_id()
+    os.environ.setdefault('FASTRTPS_DEFAULT_PROFILES_FILE', str(QUICK_DISCOVERY))
     console.print(f'Starting the nodes, ROS_DOMAIN_ID={domain_id}.')
     with NodeProcesses(options.out / 'logs', domain_id) as nodes, RunWatcher(domain_id) as watcher:
         nodes.start('recorder', _python('vgdp_bringup.node'), {'bag': bag})

@@ -14,6 +14,7 @@ from matplotlib.patheffects import withStroke
 from PIL import Image
 
 from gridnav.partial_map import FREE_VALUE, OCCUPIED_VALUE
+from vgdp_bringup.bags import BagError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -55,12 +56,12 @@ def save_pictures(episode: Episode, folder: Path) -> tuple[Path, Path]:
         The paths of the two files.
 
     Raises:
-        ValueError: If no map was recorded.
+        BagError: If no map was recorded.
     """
     steps = _with_maps(episode)
     if not steps:
         msg = 'No map was recorded, so there is nothing to draw.'
-        raise ValueError(msg)
+        raise BagError(msg)
     gif, still = folder / 'run.gif', folder / 'still.png'
     _save_animation(episode, steps, gif)
     _save_still(episode, steps, still)

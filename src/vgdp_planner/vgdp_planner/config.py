@@ -124,8 +124,6 @@ class PlannerConfig:
             candidate when that makes no progress in value.
         collision_tolerance: A step is committed when no more than this share of the belief would
             run into a known obstacle by it.
-        allow_unknown: Whether the first step of a commitment may enter a cell that has not been
-            seen. Later ones never do: the robot looks first.
     """
 
     candidates: int = 24
@@ -136,7 +134,6 @@ class PlannerConfig:
     memory: bool = True
     greedy_fallback: bool = True
     collision_tolerance: float = 0.1
-    allow_unknown: bool = True
 
     def __post_init__(self) -> None:
         """Check the ranges."""

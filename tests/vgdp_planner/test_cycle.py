@@ -88,6 +88,32 @@ def test_a_new_episode_forgets_the_old_one() -> None:
     assert not observation.partial_map[GOAL].any()
 
 
+def test_the_word_of_a_new_episode_may_come_late() -> None:
+    """Map, pose and goal of the new episode that came before its announcement are kept."""
+    cycle = PlanningCycle()
+    seen(cycle, 100)
+    cycle.set_goal(100, 1.9, 1.4)
+    assert cycle.begin(100)
+    observation = cycle.observation()
+    assert observation is not None
+    assert observation.partial_map[GOAL, 2, 3] == 1
+
+
+def test_an_episode_that_was_planned_on_is_not_new() -> None:
+    """Announced after its first plan, an episode goes on: the actions sent are waited for."""
+    cycle = PlanningCycle()
+    seen(cycle, 100)
+    observation = cycle.observation()
+    assert observation is not None
+    cycle.planned(observation, actions=2)
+    assert not cycle.begin(100)
+    seen(cycle, 101)
+    assert cycle.observation() is None
+    seen(cycle, 102)
+    assert cycle.observation() is not None
+    assert cycle.begin(200)
+
+
 def test_finished() -> None:
     """After the end of an episode nothing is planned until the next begins."""
     cycle = PlanningCycle()

@@ -45,17 +45,35 @@ class PlanningCycle:
     """
 
     def __init__(self) -> None:
-        self.begin(NEVER)
-
-    def begin(self, start: int) -> None:
-        """Start over with an episode that begins at a stamp; what is older is ignored."""
-        self.start = start
+        self.start = NEVER
         self.finished = False
         self._map: tuple[int, NDArray[np.int8], GridGeometry] | None = None
         self._poses: dict[int, tuple[float, float]] = {}
-        self._goal: tuple[float, float] | None = None
+        self._goal: tuple[int, float, float] | None = None
         self._planned = NEVER
         self._awaited = 0
+
+    def begin(self, start: int) -> bool:
+        """Start over with an episode that begins at a stamp; what is older is forgotten.
+
+        What is not older stays: the first map may come before the word of the episode, as each
+        comes from another process, and neither is said again.
+
+        Returns:
+            Whether the episode is new: False if something in it was planned on already.
+        """
+        self.start = start
+        self.finished = False
+        if self._map is not None and self._map[0] < start:
+            self._map = None
+        self._poses = {stamp: pose for stamp, pose in self._poses.items() if stamp >= start}
+        if self._goal is not None and self._goal[0] < start:
+            self._goal = None
+        if self._planned >= start > NEVER:
+            return False
+        self._planned = NEVER
+        self._awaited = 0
+        return True
 
     def add_pose(self, stamp: int, x: float, y: float) -> None:
         """Take in where the robot is, in metres in the map's frame."""
@@ -73,7 +91,7 @@ class PlanningCycle:
     def set_goal(self, stamp: int, x: float, y: float) -> None:
         """Take in where the goal is, in metres in the map's frame."""
         if stamp >= self.start:
-            self._goal = (x, y)
+            self._goal = (stamp, x, y)
 
     def observation(self, *, overdue: bool = False) -> Observation | None:
         """Return what to plan on, or None if it is not time yet.
@@ -100,7 +118,7 @@ class PlanningCycle:
                 f'{geometry.cols} cells.'
             )
             raise ValueError(msg)
-        goal = None if self._goal is None else geometry.cell_at(*self._goal)
+        goal = None if self._goal is None else geometry.cell_at(*self._goal[1:])
         return Observation(stamp, from_occupancy(occupancy, goal), cell, geometry)
 
     def planned(self, observation: Observation, actions: int) -> None:

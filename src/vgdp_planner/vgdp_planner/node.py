@@ -153,17 +153,15 @@ class PlannerNode(BaseNode[PlannerParameters]):
             return
         status = EpisodeStatus.from_message(message)
         if status.begins and status.start > self._cycle.start:
-            self._begin(status.start)
+            if self._cycle.begin(status.start):
+                self._planner.reset(self.parameters.seed)
+            self._plan_if_ready()
         elif not status.begins and status.start == self._cycle.start:
             self._cycle.finished = True
             self.diagnostics.report(DiagnosticStatus.OK, f'the episode ended: {status.message}')
 
-    def _begin(self, start: int) -> None:
-        self._cycle.begin(start)
-        self._planner.reset(self.parameters.seed)
-
     def _reset(self) -> str:
-        self._begin(self._cycle.start)
+        self._planner.reset(self.parameters.seed)
         return f'The best-plan memory is empty; the seed is {self.parameters.seed}.'
 
     def _on_goal(self, message: PoseStamped) -> None:

@@ -20,12 +20,16 @@ HAS_ROS = importlib.util.find_spec('rclpy') is not None
 ROS_TESTS = ('test_ros', 'test_node')
 """Test files whose names begin like this need ROS 2."""
 
+QUICK_DISCOVERY = (
+    Path(__file__).parents[1] / 'src' / 'vgdp_bringup' / 'vgdp_bringup' / 'quick_discovery.xml'
+)
+
 # Before rclpy is loaded, and inherited by the processes that tests start. One domain per pytest
 # process, so that several can run side by side; field checks, as they are off by default.
 os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
-os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(Path(__file__).with_name('quick_discovery.xml'))
+os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(QUICK_DISCOVERY)
 
 _namespaces = itertools.count()
 

@@ -133,6 +133,15 @@ def test_a_robot_off_the_map_is_named() -> None:
         cycle.observation()
 
 
+def test_only_a_new_stamp_is_news() -> None:
+    """A pose that is said again, or of an older episode, is none."""
+    cycle = PlanningCycle()
+    cycle.begin(10)
+    assert not cycle.add_pose(9, 0.1, 0.1)
+    assert cycle.add_pose(10, 0.1, 0.1)
+    assert not cycle.add_pose(10, 0.1, 0.1)
+
+
 def test_old_poses_are_dropped() -> None:
     """Poses that come without end take no memory without end."""
     cycle = PlanningCycle()

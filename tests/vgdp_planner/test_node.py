@@ -94,6 +94,17 @@ def test_killed_in_mid_maze(node_process: StartNode, probe: Probe, victim: str) 
     assert outcome(episode) == 'success'
 
 
+def test_a_slow_robot_is_waited_for(node_process: StartNode, probe: Probe) -> None:
+    """Two actions that take longer than the timeout, but each less, do not count as lost."""
+    odometry = probe.record(Odometry, 'odom', RELIABLE_QOS)
+    planner = node_process(PLANNER, {'action_timeout': 1.5})
+    node_process(MAPPER)
+    planner.wait_output(READY)
+    node_process(SIM, {'seed': 2, 'rate': 1.0})
+    wait_for(lambda: len({to_nanoseconds(m.header.stamp) for m in odometry}) > 6, 40)
+    assert 'planning again' not in planner.output
+
+
 def test_bad_messages_are_survived(node_process: StartNode, probe: Probe) -> None:
     """After malformed maps, poses and goals a good observation still gets its plan."""
     node = node_process(PLANNER)

@@ -10,7 +10,7 @@ import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gridnav import DONE, FREE, NUM_ACTIONS, OBSTACLE, Outcome
+from gridnav import DONE, FREE, NUM_ACTIONS, OBSTACLE, STEPS, Outcome, valid_moves
 from maze_sim import MazeSimulation, make_mazes
 from vgdp_planner import Config, Plan, PlannerConfig, PolicyConfig, ValueGuidedPlanner, preset
 
@@ -203,8 +203,6 @@ def test_untrained_networks_are_still_safe(data: st.DataObject) -> None:
     partial_map = np.stack([codes == 2, codes == 1, np.zeros_like(codes)]).astype(np.float32)
     plan = planner.plan(partial_map, (row, col))
     assert bool(plan.committed) == (plan.status == 'ok')
-    from gridnav import STEPS, valid_moves  # noqa: PLC0415
-
     valid = valid_moves(partial_map[OBSTACLE] > 0)
     for action in plan.committed:
         assert action != DONE

@@ -75,13 +75,19 @@ class PlanningCycle:
         self._awaited = 0
         return True
 
-    def add_pose(self, stamp: int, x: float, y: float) -> None:
-        """Take in where the robot is, in metres in the map's frame."""
+    def add_pose(self, stamp: int, x: float, y: float) -> bool:
+        """Take in where the robot is, in metres in the map's frame.
+
+        Returns:
+            Whether this is news: a stamp of the episode that had not come yet.
+        """
         if stamp < self.start:
-            return
+            return False
+        news = stamp not in self._poses
         self._poses[stamp] = (x, y)
         if len(self._poses) > KEPT_STAMPS:
             del self._poses[min(self._poses)]
+        return news
 
     def add_map(self, stamp: int, occupancy: NDArray[np.int8], geometry: GridGeometry) -> None:
         """Take in the map: −1 unseen, 0 to 100 occupied, (H, W)."""

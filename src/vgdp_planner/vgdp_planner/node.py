@@ -30,7 +30,6 @@ from gridnav.ros.parameters import parameter
 from gridnav.ros.qos import EPISODE_QOS, MAP_QOS, MARKER_QOS, RELIABLE_QOS
 from gridnav.ros.run import run_node
 from gridnav.ros.validation import (
-    InvalidMessage,
     validate_occupancy_grid,
     validate_odometry,
     validate_pose_stamped,
@@ -170,7 +169,8 @@ class PlannerNode(BaseNode[PlannerParameters]):
 
     def _on_odom(self, message: Odometry) -> None:
         position = message.pose.pose.position
-        self._cycle.add_pose(to_nanoseconds(message.header.stamp), position.x, position.y)
+        if self._cycle.add_pose(to_nanoseconds(message.header.stamp), position.x, position.y):
+            self._last_news = time.monotonic()
         self._plan_if_ready()
 
     def _on_map(self, message: OccupancyGrid) -> None:
@@ -191,7 +191,10 @@ class PlannerNode(BaseNode[PlannerParameters]):
         try:
             observation = self._cycle.observation(overdue=overdue)
         except ValueError as error:
-            raise InvalidMessage(str(error)) from error
+            # Not refused as a message: the timer meets it again and again, too.
+            self.diagnostics.count('not planned: robot off the map')
+            self.warn('off the map', str(error))
+            return
         if observation is None or not self._somebody_listens():
             return
         if overdue:

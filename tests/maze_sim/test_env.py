@@ -11,13 +11,23 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
+from tests.maze_sim.test_map_file import write_map
 
 from gridnav import DONE, GOAL, NUM_ACTIONS, OBSTACLE, Outcome
-from maze_sim import ENV_ID, MazeSimulation, sample_maze, shortest_actions
+from maze_sim import (
+    ENV_ID,
+    WORLD_KINDS,
+    MazeSimulation,
+    draw_world,
+    sample_maze,
+    shortest_actions,
+)
 from maze_sim.env import CELL_PX, GOAL_RGB, ROBOT_RGB, UNSEEN_RGB, GridMaze2DEnv
 from maze_sim.vector_env import GridMaze2DVectorEnv
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from numpy.typing import NDArray
 
 
@@ -35,7 +45,14 @@ def simulation_of(env: Any) -> MazeSimulation:  # noqa: ANN401
     return simulation
 
 
-@pytest.mark.parametrize('kwargs', [{}, {'size': 20, 'view_range': 3, 'stop_on_repeat': True}])
+@pytest.mark.parametrize(
+    'kwargs',
+    [
+        {},
+        {'size': 20, 'view_range': 3, 'stop_on_repeat': True},
+        {'size': [16, 24], 'kind': 'caves', 'slip': 0.2, 'pose_noise': 1.0},
+    ],
+)
 def test_environment_passes_the_checker(kwargs: dict[str, Any]) -> None:
     """Gymnasium's checker finds nothing, not even something to warn of."""
     env = gymnasium.make(ENV_ID, **kwargs)
@@ -147,6 +164,25 @@ def test_episodes_follow_the_generator() -> None:
         assert simulation_of(env).mazes[0].goal == maze.goal
 
 
+def test_worlds_of_all_kinds_and_from_files_are_there(tmp_path: Path) -> None:
+    """The spaces have the shape of the world; the reported cell differs where it is noisy."""
+    blocked = draw_world('rooms', (18, 22), np.random.default_rng(0))
+    path = write_map(tmp_path, blocked)
+    env = gymnasium.make(ENV_ID, map_file=str(path), pose_noise=3.0)
+    observation, _ = env.reset(seed=0)
+    assert observation['partial_map'].shape == (3, 18, 22)
+    assert env.observation_space.contains(observation)
+    assert (simulation_of(env).mazes[0].blocked == blocked).all()
+    assert (observation['cell'] == simulation_of(env).reported_cells[0]).all()
+    assert (observation['cell'] != simulation_of(env).cells[0]).any()
+    for kind in WORLD_KINDS:
+        env = gymnasium.make(ENV_ID, size=(20, 14), kind=kind)
+        observation, _ = env.reset(seed=1)
+        assert observation['partial_map'].shape == (3, 20, 14)
+    with pytest.raises(ValueError, match="got 'swamp'"):
+        GridMaze2DVectorEnv(2, kind='swamp')
+
+
 def test_picture_shows_the_map_north_up() -> None:
     """Row 0 is the lowest of the picture; nothing unseen is drawn."""
     env = GridMaze2DEnv(render_mode='rgb_array')
@@ -175,21 +211,17 @@ def assert_same(one: dict[str, NDArray[Any]], other: dict[str, NDArray[Any]]) ->
 
 
 @pytest.mark.parametrize(
-    ('size', 'view_range', 'max_steps', 'stop_on_repeat'),
-    [(15, 2, 25, True), (12, 1, 25, False), (9, 4, 8, True)],
+    'kwargs',
+    [
+        {'size': 15, 'view_range': 2, 'max_steps': 25, 'stop_on_repeat': True},
+        {'size': (12, 15), 'kind': 'rooms', 'max_steps': 25, 'slip': 0.2, 'pose_noise': 0.7},
+        {'size': 9, 'view_range': 4, 'max_steps': 8, 'stop_on_repeat': True},
+    ],
 )
-def test_vector_environment_equals_single_ones(
-    size: int, view_range: int, max_steps: int, *, stop_on_repeat: bool
-) -> None:
+def test_vector_environment_equals_single_ones(kwargs: dict[str, Any]) -> None:
     """Step by step the twin gives what single environments of the same seeds give, resets too."""
     count = 12
-    kwargs: dict[str, Any] = {
-        'size': size,
-        'view_range': view_range,
-        'max_steps': max_steps,
-        'min_expert_steps': 4,
-        'stop_on_repeat': stop_on_repeat,
-    }
+    kwargs = {'min_expert_steps': 4, **kwargs}
     twin = GridMaze2DVectorEnv(count, **kwargs)
     single = SyncVectorEnv([lambda: GridMaze2DEnv(**kwargs) for _ in range(count)])
     assert twin.observation_space == single.observation_space
@@ -217,7 +249,9 @@ def test_vector_environment_equals_single_ones(
             assert_same(infos, other_infos)
             outcomes |= set(infos['outcome'])
     expected = set(Outcome) - {Outcome.GAVE_UP}
-    assert outcomes == (expected if stop_on_repeat else expected - {Outcome.REPEAT})
+    if not kwargs.get('stop_on_repeat'):
+        expected -= {Outcome.REPEAT}
+    assert outcomes == expected
 
 
 def test_vector_observations_belong_to_the_caller() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections import Counter
 
 import networkx as nx
@@ -32,6 +33,17 @@ def test_maze_is_a_tree_over_all_lattice_cells(size: int) -> None:
     assert (~blocked).sum() == 2 * side**2 - 1
 
 
+@pytest.mark.parametrize('shape', [(5, 20), (9, 8), (14, 31)])
+def test_maze_need_not_be_square(shape: tuple[int, int]) -> None:
+    """It is a tree over all cells of its lattice whatever its sides are."""
+    blocked = wilson_maze(shape, np.random.default_rng(2))
+    rows, cols = ((side - 1) // 2 for side in shape)
+    assert blocked.shape == shape
+    assert not blocked[1 : 2 * rows : 2, 1 : 2 * cols : 2].any()
+    assert nx.is_tree(grid_graph(~blocked))
+    assert (~blocked).sum() == 2 * rows * cols - 1
+
+
 @pytest.mark.parametrize('size', [5, 15, 200])
 def test_maze_is_closed_and_pillars_stand(size: int) -> None:
     """The outer cells and the cells at even rows and columns are walls."""
@@ -55,7 +67,7 @@ def test_too_small_size_is_refused(size: int) -> None:
     """A size below 5 is named in the error."""
     with pytest.raises(ValueError, match=f'at least 5, got {size}'):
         wilson_maze(size, np.random.default_rng(0))
-    with pytest.raises(ValueError, match=f'at least 5, got {size}'):
+    with pytest.raises(ValueError, match=f'at least 5 cells, got {size} x {size}'):
         sample_maze(size, np.random.default_rng(0), min_expert_steps=0)
 
 
@@ -105,7 +117,7 @@ def test_sampled_maze_keeps_start_and_goal_apart(size: int) -> None:
 @pytest.mark.parametrize(('size', 'steps'), [(5, 15), (7, 13), (15, 1000)])
 def test_impossible_distance_is_refused(size: int, steps: int) -> None:
     """A distance that no maze of the size has is named in the error."""
-    with pytest.raises(ValueError, match=f'size {size} was found with {steps} expert steps'):
+    with pytest.raises(ValueError, match=f'{size} x {size} was found with {steps} expert steps'):
         sample_maze(size, np.random.default_rng(0), min_expert_steps=steps)
 
 
@@ -122,6 +134,26 @@ def test_maze_depends_on_seed_and_number_alone() -> None:
 def test_generator_version_0_draws_this_maze() -> None:
     """A change that gives other mazes for a seed needs a new version of the environment."""
     assert (wilson_maze(9, np.random.default_rng(0)) == walls(FROZEN_MAZE)).all()
+
+
+@pytest.mark.parametrize(
+    ('count', 'size', 'seed', 'digest'),
+    [
+        (5, 15, 0, 'c86239d97449fe3d'),
+        (5, 20, 1, '677eab376fdbf358'),
+        (3, 30, 2, '6be47f7e98c3eba4'),
+    ],
+)
+def test_mazes_of_evaluations_stay_what_they_are(
+    count: int, size: int, seed: int, digest: str
+) -> None:
+    """Results are compared over versions, so a seed gives the same mazes, starts and goals."""
+    found = hashlib.sha256()
+    for maze in make_mazes(count, size, seed):
+        found.update(maze.blocked.tobytes())
+        told = (maze.start, maze.goal, maze.expert_steps, round(maze.expert_cost, 9))
+        found.update(repr(told).encode())
+    assert found.hexdigest()[:16] == digest
 
 
 def test_solved_maze_knows_the_expert() -> None:

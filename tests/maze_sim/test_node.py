@@ -16,6 +16,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_msgs.msg import UInt8
 from std_srvs.srv import Trigger
+from tests.maze_sim.test_map_file import write_map
 from tests.ros_helpers import wait_for
 
 from gridnav.actions import DONE, STEPS
@@ -23,10 +24,11 @@ from gridnav.grid import GridGeometry
 from gridnav.ros.conversions import from_occupancy_grid, to_nanoseconds, to_yaw
 from gridnav.ros.episode import EpisodeStatus
 from gridnav.ros.qos import EPISODE_QOS, MAP_QOS, RELIABLE_QOS
-from maze_sim import MazeSimulation, make_mazes, shortest_actions
+from maze_sim import MazeSimulation, draw_world, make_mazes, shortest_actions
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from tests.ros_helpers import NodeProcess, Probe, StartNode
 
@@ -331,6 +333,80 @@ def test_signals_end_it_quietly_idle_and_busy(
         driver.action.publish(UInt8(data=0))
     assert idle.end(number) < 2.0
     assert busy.end(number) < 2.0
+
+
+def test_slips_and_a_noisy_pose_in_rooms(
+    start_sim: Callable[..., NodeProcess], probe: Probe
+) -> None:
+    """The pose is noisy and says so, the view lies where the robot is, all as in process."""
+    start_sim(seed=5, kind='rooms', rows=14, cols=20, slip=0.3, pose_noise=1.5, resolution=0.5)
+    driver = Driver(probe)
+    [maze] = make_mazes(1, (14, 20), 5, kind='rooms')
+    simulation = MazeSimulation([maze], slip=0.3, pose_noise=1.5, seeds=[[5, 1]])
+    geometry = GridGeometry(14, 20, 0.5)
+    assert [driver.status().values[key] for key in ('rows', 'cols')] == ['14', '20']
+    apart = []
+    for action in (None, *range(8), *range(8)):
+        cell = simulation.cells[0].tolist()
+        if action is not None:
+            if not _is_valid(maze, cell, action):
+                continue
+            simulation.step(np.array([action]))
+            driver.step(action)
+        cells, window = from_occupancy_grid(driver.local_maps[-1])
+        assert np.array_equal(cells, simulation.windows()[0])
+        row, col = simulation.cells[0].tolist()
+        assert (window.origin_x, window.origin_y) == ((col - 2) * 0.5, (row - 2) * 0.5)
+        stamp = stamp_of(driver.local_maps[-1])
+        wait_for(lambda stamp=stamp: stamp_of(driver.odom[-1]) == stamp)  # type: ignore[misc]
+        reported = simulation.reported_cells[0].tolist()
+        assert position_of(driver.odom[-1]) == geometry.center_of(*reported)
+        covariance = driver.odom[-1].pose.covariance
+        assert covariance[0] == covariance[7] == pytest.approx(0.75**2)
+        assert np.count_nonzero(covariance) == 2
+        apart.append(reported != [row, col])
+    assert len(apart) > 5
+    assert any(apart)
+
+
+def test_a_map_of_a_map_server_is_a_world(
+    start_sim: Callable[..., NodeProcess], probe: Probe, tmp_path: Path
+) -> None:
+    """It lies where the file says; a file that is no map is named, and the episode goes on."""
+    blocked = draw_world('rooms', (16, 24), np.random.default_rng(0))
+    path = write_map(tmp_path, blocked)
+    sim = start_sim(seed=2, map_file=str(path), min_expert_steps=5, reachable=False)
+    driver = Driver(probe)
+    [maze] = make_mazes(1, 15, 2, 5, map_file=str(path), reachable=False)
+    geometry = GridGeometry(16, 24, 0.05, -1.5, 2.0)
+    assert position_of(driver.odom[-1]) == geometry.center_of(*maze.start)
+    _, window = from_occupancy_grid(driver.local_maps[-1])
+    assert window.resolution == 0.05
+    row, col = maze.start
+    assert window.origin_x == pytest.approx(-1.5 + (col - 2) * 0.05)
+    assert window.origin_y == pytest.approx(2.0 + (row - 2) * 0.05)
+    values = driver.status().values
+    assert (values['expert_steps'], values['expert_cost']) == ('0', 'inf')
+    assert (values['resolution'], values['rows'], values['cols']) == ('0.05', '16', '24')
+
+    path.write_text('nothing', encoding='utf-8')
+    response = probe.call(Trigger, 'maze_sim/reset', Trigger.Request())
+    assert not response.success
+    assert response.message == f'The map {path} has no settings.'
+    action = next(a for a in range(8) if _is_valid(maze, list(maze.start), a))
+    driver.step(action)
+    assert driver.status().message == 'running'
+    sim.assert_alive()
+    other = start_sim(map_file=str(path))
+    assert other.process.wait(15) == 1
+    assert other.output.endswith(f'Can not start: The map {path} has no settings.\n')
+
+
+def test_a_side_that_can_not_be_is_named(start_sim: Callable[..., NodeProcess]) -> None:
+    """Rows and columns are left to the size or long enough."""
+    sim = start_sim(cols=5)
+    assert sim.process.wait(15) == 1
+    assert sim.output == "Can not start: Parameter 'cols' must be 0 or 9 to 201 cells, got 5.\n"
 
 
 def test_a_size_that_can_not_be_is_named(start_sim: Callable[..., NodeProcess]) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import chisquare
 from tests.maze_sim.drawing import find, walls
 
 from gridnav import (
@@ -124,6 +125,13 @@ def test_senseless_actions_are_refused(actions: list[int], message: str) -> None
         ({'mazes': []}, 'at least one maze'),
         ({'view_range': 0}, 'view range must be at least 1, got 0'),
         ({'max_steps': 0}, 'at least 1, got 0'),
+        ({'slip': -0.1}, 'slip must be 0 to 1, got -0.1'),
+        ({'slip': 1.5}, 'slip must be 0 to 1, got 1.5'),
+        ({'slip': np.nan}, 'slip must be 0 to 1, got nan'),
+        ({'pose_noise': -1.0}, '0 cells or more and finite, got -1.0'),
+        ({'pose_noise': np.inf}, '0 cells or more and finite, got inf'),
+        ({'slip': 0.1, 'stop_on_repeat': True}, 'Exact loops can not be told'),
+        ({'seeds': [0, 1]}, 'zip'),
         ({'mazes': [maze_of('s.g'), maze_of('sg')]}, r'shape \(1, 3\), got \(1, 2\)'),
     ],
 )
@@ -329,3 +337,118 @@ def test_stepping_together_is_stepping_alone(seed: int) -> None:
     assert together.results() == [simulation.result(0) for simulation in alone]
     assert (together.partial_maps == np.concatenate([s.partial_maps for s in alone])).all()
     np.testing.assert_allclose(together.path_costs, costs)
+
+
+def wander(simulation: MazeSimulation, steps: int, seed: int = 0) -> list[np.ndarray]:
+    """Take random valid moves everywhere and return the cells after each step, (B, 2)."""
+    rng = np.random.default_rng(seed)
+    valid = valid_moves(np.stack([maze.blocked for maze in simulation.mazes]))
+    rows = np.arange(len(simulation.mazes))
+    visited = []
+    for _ in range(steps):
+        chances = rng.random((len(rows), 8)) * valid[rows, :, *simulation.cells.T]
+        simulation.step(chances.argmax(axis=1))
+        visited.append(simulation.cells.copy())
+    return visited
+
+
+@pytest.mark.parametrize(
+    ('drawing', 'action', 'shares'),
+    [
+        ('.....  ..s..  ....g', EAST, {(1, 3): 0.4, (1, 2): 0.2, (0, 3): 0.2, (2, 3): 0.2}),
+        ('.....  ..s..  ....g', NORTH_EAST, {(2, 3): 0.4, (1, 2): 0.2, (2, 2): 0.2, (1, 3): 0.2}),
+        # Where a cell beside the right one is a wall, the others share.
+        ('.....  ..s..  ...#g', EAST, {(1, 3): 0.4, (1, 2): 0.3, (0, 3): 0.3}),
+        ('...#.  ..s.g  ...#.', EAST, {(1, 3): 0.4, (1, 2): 0.6}),
+        ('.....  ..s..  ....g', DONE, {(1, 2): 1.0}),
+    ],
+)
+def test_slips_lead_beside_or_nowhere(
+    drawing: str, action: int, shares: dict[tuple[int, int], float]
+) -> None:
+    """With a probability of 0.6 here, each cell beside the right one as likely as staying."""
+    count = 4000
+    simulation = MazeSimulation([maze_of(drawing)] * count, slip=0.6)
+    simulation.step(np.full(count, action))
+    assert Outcome.COLLISION not in set(simulation.outcomes)
+    cells, counts = np.unique(simulation.cells, axis=0, return_counts=True)
+    found = {tuple(cell): number for cell, number in zip(cells.tolist(), counts, strict=True)}
+    assert set(found) == set(shares)
+    expected = [shares[cell] * count for cell in found]
+    assert len(found) == 1 or chisquare(list(found.values()), expected).pvalue > 0.01
+    start = simulation.mazes[0].start
+    lengths = np.hypot(*(simulation.cells - start).T)
+    np.testing.assert_allclose(simulation.path_costs, lengths)
+
+
+def test_a_slip_is_no_collision_and_no_excuse_for_one() -> None:
+    """Robots that choose valid moves never collide; a move into a wall always does."""
+    simulation = MazeSimulation(make_mazes(20, 15, seed=3), max_steps=300, slip=0.5)
+    blocked = np.stack([maze.blocked for maze in simulation.mazes])
+    for cells in wander(simulation, 100):
+        assert not blocked[np.arange(20), *cells.T].any()
+    assert simulation.active.all()
+    simulation = MazeSimulation([maze_of('s.g')] * 50, slip=1.0)
+    simulation.step(np.full(50, NORTH))
+    assert set(simulation.outcomes) == {Outcome.COLLISION}
+    assert not simulation.cells.any()
+
+
+def test_reported_cells_are_gaussian_and_on_the_map() -> None:
+    """They spread by the noise where there is room, and nothing else is affected."""
+    field = np.zeros((41, 41), dtype=np.bool_)
+    mazes = [Maze.solved(field, (20, 20), (20, 30))] * 2000
+    noisy = MazeSimulation(mazes, pose_noise=1.5)
+    clear = MazeSimulation(mazes[:1])
+    for simulation in (noisy, clear):
+        simulation.step(np.full(len(simulation.mazes), EAST))
+    assert (noisy.cells == (20, 21)).all()
+    errors = noisy.reported_cells - noisy.cells
+    # Rounding to cells adds a variance of 1/12.
+    assert errors.std(axis=0) == pytest.approx(np.sqrt(1.5**2 + 1 / 12), rel=0.05)
+    assert abs(errors.mean(axis=0)).max() < 0.15
+    assert (noisy.partial_maps == clear.partial_maps).all()
+    assert (noisy.windows() == clear.windows()).all()
+    corner = MazeSimulation([maze_of('s.. ..g')] * 500, pose_noise=5.0)
+    assert np.unique(corner.reported_cells, axis=0).tolist() == [
+        [row, col] for row in range(2) for col in range(3)
+    ]
+
+
+def test_without_noise_the_reported_cells_are_the_true_ones() -> None:
+    """Also after steps and restarts, and the seeds say nothing."""
+    mazes = make_mazes(4, 15, seed=1)
+    one, other = MazeSimulation(mazes), MazeSimulation(mazes, seeds=[9, 8, 7, 6])
+    for simulation in (one, other):
+        wander(simulation, 30)
+        simulation.restart(np.array([2]), mazes[:1])
+        wander(simulation, 5)
+        assert (simulation.reported_cells == simulation.cells).all()
+    assert (one.cells == other.cells).all()
+    assert (one.partial_maps == other.partial_maps).all()
+
+
+def test_slips_and_noise_follow_the_seed_of_the_episode() -> None:
+    """Whatever runs beside it; another seed gives other luck, and a restart begins anew."""
+    mazes = make_mazes(3, 15, seed=2)
+    kwargs: dict[str, Any] = {'slip': 0.4, 'pose_noise': 1.0}
+    ways = np.random.default_rng(0).integers(8, size=(40, 3))
+
+    def follow(simulation: MazeSimulation, columns: list[int]) -> list[list[list[int]]]:
+        seen = []
+        for actions in ways[:, columns]:
+            valid = valid_moves(np.stack([maze.blocked for maze in simulation.mazes]))
+            can = valid[np.arange(len(columns)), actions, *simulation.cells.T]
+            firsts = valid[np.arange(len(columns)), :, *simulation.cells.T].argmax(axis=1)
+            simulation.step(np.where(can, actions, firsts))
+            seen.append(np.hstack([simulation.cells, simulation.reported_cells]).tolist())
+        return seen
+
+    together = follow(MazeSimulation(mazes, **kwargs, seeds=[5, [6, 1], 7]), [0, 1, 2])
+    alone = follow(MazeSimulation(mazes[1:2], **kwargs, seeds=[[6, 1]]), [1])
+    assert [rows[1] for rows in together] == [rows[0] for rows in alone]
+    simulation = MazeSimulation(mazes, **kwargs)
+    others = follow(simulation, [0, 1, 2])
+    assert [rows[1] for rows in others] != [rows[0] for rows in alone]
+    simulation.restart(np.arange(3), mazes, [5, [6, 1], 7])
+    assert follow(simulation, [0, 1, 2]) == together

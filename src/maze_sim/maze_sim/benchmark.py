@@ -13,8 +13,9 @@ from gymnasium.vector import SyncVectorEnv
 from gridnav.actions import NUM_MOVES, valid_moves
 from gridnav.partial_map import FREE
 from maze_sim.env import GridMaze2DEnv
-from maze_sim.mazes import sample_maze, wilson_maze
+from maze_sim.mazes import wilson_maze
 from maze_sim.vector_env import GridMaze2DVectorEnv
+from maze_sim.worlds import sample_maze
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -10,11 +10,15 @@ import numpy as np
 from gridnav.actions import NUM_ACTIONS
 from gridnav.metrics import Outcome
 from gridnav.partial_map import FREE, GOAL, OBSTACLE
-from maze_sim.mazes import sample_maze
 from maze_sim.simulation import MazeSimulation
+from maze_sim.worlds import Worlds
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
+
+    from maze_sim.mazes import Shape
 
 Observation = dict[str, Any]
 
@@ -26,23 +30,29 @@ UNSEEN_RGB, OBSTACLE_RGB, FREE_RGB = (128, 128, 128), (32, 32, 32), (255, 255, 2
 GOAL_RGB, ROBOT_RGB = (0, 158, 115), (0, 114, 178)
 
 
-def make_observation_space(size: int) -> gymnasium.spaces.Dict:
-    """Return the space of one observation in a maze of size x size cells."""
+def make_observation_space(shape: Shape) -> gymnasium.spaces.Dict:
+    """Return the space of one observation in a world of a shape (rows, columns)."""
     return gymnasium.spaces.Dict(
         {
-            'partial_map': gymnasium.spaces.Box(0.0, 1.0, (3, size, size), np.float32),
-            'cell': gymnasium.spaces.MultiDiscrete([size, size]),
+            'partial_map': gymnasium.spaces.Box(0.0, 1.0, (3, *shape), np.float32),
+            'cell': gymnasium.spaces.MultiDiscrete(list(shape)),
         }
     )
+
+
+def draw_seeds(generators: Sequence[np.random.Generator], *, noisy: bool) -> list[int]:
+    """Draw a seed from each generator; without noise 0 each, so that the generators stay as is."""
+    return [int(rng.integers(2**32)) if noisy else 0 for rng in generators]
 
 
 class GridMaze2DEnv(gymnasium.Env[Observation, np.int64]):
     """A robot looks for the goal of a maze that it has never seen.
 
     ## Description
-    The maze is drawn uniformly from all mazes of its size (Wilson's algorithm). The robot sees
-    what the line of sight reaches in a window around it, and what it has seen stays on its map.
-    It has to find the goal, go there and say Done.
+    The maze is drawn uniformly from all mazes of its size (Wilson's algorithm); other kinds of
+    worlds and maps from files can be chosen. The robot sees what the line of sight reaches in a
+    window around it, and what it has seen stays on its map. It has to find the goal, go there and
+    say Done.
 
     ## Action Space
     `Discrete(9)`: the (Δrow, Δcol) steps 0 (1, 0), 1 (1, 1), 2 (0, 1), 3 (-1, 1), 4 (-1, 0),
@@ -51,9 +61,9 @@ class GridMaze2DEnv(gymnasium.Env[Observation, np.int64]):
 
     ## Observation Space
     A `Dict` of
-    - `partial_map`: `Box(0, 1, (3, size, size), float32)`: seen obstacles, seen free cells, the
-      seen goal. A cell that is 0 in the first two has not been seen.
-    - `cell`: `MultiDiscrete([size, size])`: the robot's (row, col).
+    - `partial_map`: `Box(0, 1, (3, H, W), float32)`: seen obstacles, seen free cells, the seen
+      goal. A cell that is 0 in the first two has not been seen.
+    - `cell`: `MultiDiscrete([H, W])`: the robot's (row, col), as it is reported.
 
     ## Starting State
     Start and goal are uniform over all pairs of free cells with at least `min_expert_steps` steps
@@ -79,11 +89,15 @@ class GridMaze2DEnv(gymnasium.Env[Observation, np.int64]):
     - `spl`: success weighted by path length, 0 until the episode has ended in success.
 
     ## Arguments
-    - `size=15`: side of the maze in cells, at least 5.
+    - `size=15`: side of the world in cells, or its rows and columns, each at least 5.
+    - `kind='maze'`: kind of the world, one of `maze_sim.WORLD_KINDS`.
+    - `map_file=''`: a map of a map server (YAML), instead of a size and a kind.
     - `view_range=2`: cells that a view reaches to each side, at least 1.
     - `max_steps=500`: actions after which an episode is cut short.
     - `min_expert_steps=15`: moves between start and goal at least.
     - `stop_on_repeat=False`: whether an exact loop is cut short.
+    - `slip=0`: probability that a step ends beside the cell it should reach, or where it began.
+    - `pose_noise=0`: standard deviation of the reported `cell` in cells. The map is not affected.
     - `render_mode=None`: `'rgb_array'` gives pictures of the robot's map, north up.
 
     ## Version History
@@ -99,21 +113,30 @@ class GridMaze2DEnv(gymnasium.Env[Observation, np.int64]):
     def __init__(
         self,
         *,
-        size: int = 15,
+        size: int | Shape = 15,
+        kind: str = 'maze',
+        map_file: str = '',
         view_range: int = 2,
         max_steps: int = 500,
         min_expert_steps: int = 15,
         stop_on_repeat: bool = False,
+        slip: float = 0.0,
+        pose_noise: float = 0.0,
         render_mode: str | None = None,
     ) -> None:
-        """Set up the spaces; the first maze is drawn by ``reset``. See the class for arguments."""
-        self.size = size
+        """Set up the spaces; the first maze is drawn by ``reset``. See the class for arguments.
+
+        Raises:
+            ValueError: If there are no such worlds.
+        """
+        self.worlds = Worlds(size, kind, map_file=map_file, min_expert_steps=min_expert_steps)
         self.view_range = view_range
         self.max_steps = max_steps
-        self.min_expert_steps = min_expert_steps
         self.stop_on_repeat = stop_on_repeat
+        self.slip = slip
+        self.pose_noise = pose_noise
         self.render_mode = render_mode
-        self.observation_space = make_observation_space(size)
+        self.observation_space = make_observation_space(self.worlds.shape)
         self.action_space = gymnasium.spaces.Discrete(NUM_ACTIONS)
         self._simulation: MazeSimulation | None = None
 
@@ -126,9 +149,15 @@ class GridMaze2DEnv(gymnasium.Env[Observation, np.int64]):
             ValueError: If an argument of the environment is out of range.
         """
         super().reset(seed=seed, options=options)
-        maze = sample_maze(self.size, self.np_random, self.min_expert_steps)
+        maze = self.worlds.sample(self.np_random)
         self._simulation = MazeSimulation(
-            [maze], self.view_range, self.max_steps, stop_on_repeat=self.stop_on_repeat
+            [maze],
+            self.view_range,
+            self.max_steps,
+            stop_on_repeat=self.stop_on_repeat,
+            slip=self.slip,
+            pose_noise=self.pose_noise,
+            seeds=draw_seeds([self.np_random], noisy=self.slip > 0 or self.pose_noise > 0),
         )
         return self._observation(self._simulation), self._info(self._simulation)
 
@@ -155,7 +184,7 @@ class GridMaze2DEnv(gymnasium.Env[Observation, np.int64]):
         )
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return a picture of the robot's map, (16 size, 16 size, 3), or None without a mode.
+        """Return a picture of the robot's map, (16 H, 16 W, 3), or None without a mode.
 
         Raises:
             gymnasium.error.ResetNeeded: If there was no episode yet.
@@ -166,7 +195,7 @@ class GridMaze2DEnv(gymnasium.Env[Observation, np.int64]):
             msg = 'There is nothing to render: call reset first.'
             raise gymnasium.error.ResetNeeded(msg)
         partial_map = self._simulation.partial_maps[0]
-        picture = np.full((self.size, self.size, 3), UNSEEN_RGB, dtype=np.uint8)
+        picture = np.full((*self.worlds.shape, 3), UNSEEN_RGB, dtype=np.uint8)
         for channel, colour in ((OBSTACLE, OBSTACLE_RGB), (FREE, FREE_RGB), (GOAL, GOAL_RGB)):
             picture[partial_map[channel] > 0] = colour
         picture[tuple(self._simulation.cells[0])] = ROBOT_RGB
@@ -176,7 +205,7 @@ class GridMaze2DEnv(gymnasium.Env[Observation, np.int64]):
     def _observation(simulation: MazeSimulation) -> Observation:
         return {
             'partial_map': simulation.partial_maps[0].copy(),
-            'cell': simulation.cells[0].copy(),
+            'cell': simulation.reported_cells[0].copy(),
         }
 
     @staticmethod

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse.csgraph import connected_components, dijkstra
 
 from gridnav.actions import NUM_MOVES, STEP_LENGTHS, STEPS, valid_moves
 
@@ -85,6 +85,16 @@ class Expert:
         check_free(self._blocked, goal, 'goal')
         costs = dijkstra(self._graph, indices=goal[0] * shape[1] + goal[1])
         return np.asarray(costs, dtype=np.float64).reshape(shape)
+
+    def joined(self) -> NDArray[np.int32]:
+        """Number the sets of cells that ways join.
+
+        Returns:
+            The same number for cells with a way between them, and one of its own for each wall,
+            (H, W).
+        """
+        _, labels = connected_components(self._graph, connection='strong')
+        return np.asarray(labels, dtype=np.int32).reshape(self._blocked.shape)
 
     def actions(self, start: tuple[int, int], costs: NDArray[np.float64]) -> list[int]:
         """Follow the costs down from the start to the goal that they lead to.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain
@@ -19,11 +20,7 @@ if TYPE_CHECKING:
 MIN_SIZE = 5
 """The smallest maze has 2 x 2 lattice cells: below that there is nothing to choose."""
 
-MAX_MAZES = 100
-"""So many mazes are tried for a start and a goal that are far enough apart."""
-
-MAX_PAIRS = 100
-"""So many pairs of start and goal are tried in one maze."""
+Shape = tuple[int, int]
 
 DRAWS = 12
 """A draw of 0 to 11 picks uniformly among 2, 3 or 4 neighbours alike."""
@@ -37,8 +34,8 @@ class Maze:
         blocked: Walls, (H, W).
         start: Free cell (row, col).
         goal: Free cell (row, col).
-        expert_steps: Moves of the expert's way, without Done.
-        expert_cost: Length of the expert's way in cells.
+        expert_steps: Moves of the expert's way, without Done; 0 if no way leads to the goal.
+        expert_cost: Length of the expert's way in cells; inf if no way leads to the goal.
     """
 
     blocked: NDArray[np.bool_]
@@ -65,92 +62,54 @@ class Maze:
         costs = expert.cost_to_go(goal)
         return cls(blocked, start, goal, len(expert.actions(start, costs)), float(costs[start]))
 
+    @property
+    def reachable(self) -> bool:
+        """Whether a way leads from the start to the goal."""
+        return math.isfinite(self.expert_cost)
 
-def wilson_maze(size: int, rng: np.random.Generator) -> NDArray[np.bool_]:
+
+def wilson_maze(size: int | Shape, rng: np.random.Generator) -> NDArray[np.bool_]:
     """Draw a maze uniformly from all spanning trees of its lattice (Wilson 1996).
 
-    The lattice cells, (size - 1) // 2 each way, lie at odd rows and columns with one-cell walls
-    between and around them. An even size keeps the spare last row and column as wall.
+    The lattice cells, (side - 1) // 2 each way, lie at odd rows and columns with one-cell walls
+    between and around them. An even side keeps the spare last row or column as wall.
 
     Args:
-        size: Side of the maze in cells, at least 5.
+        size: Side of the maze in cells, or its rows and columns, each at least 5.
         rng: Source of the draws.
 
     Returns:
-        Walls, (size, size).
+        Walls, (H, W).
 
     Raises:
         ValueError: If the size is too small.
     """
-    side = _lattice_side(size)
-    cells, parents = _spanning_tree(side, side, rng)
-    row, col = np.divmod(cells, side)
-    parent_row, parent_col = np.divmod(parents, side)
-    blocked = np.ones((size, size), dtype=np.bool_)
-    blocked[1 : 2 * side : 2, 1 : 2 * side : 2] = False
+    shape = to_shape(size)
+    rows, cols = lattice_shape(shape)
+    cells, parents = _spanning_tree(rows, cols, rng)
+    row, col = np.divmod(cells, cols)
+    parent_row, parent_col = np.divmod(parents, cols)
+    blocked = np.ones(shape, dtype=np.bool_)
+    blocked[1 : 2 * rows : 2, 1 : 2 * cols : 2] = False
     blocked[1 + row + parent_row, 1 + col + parent_col] = False
     return blocked
 
 
-def sample_maze(size: int, rng: np.random.Generator, min_expert_steps: int = 15) -> Maze:
-    """Draw a Wilson maze with a start and a goal.
+def to_shape(size: int | Shape) -> Shape:
+    """Return rows and columns, which are the same if one number is given for both."""
+    return (int(size), int(size)) if isinstance(size, int | np.integer) else (size[0], size[1])
 
-    The pair is uniform over all pairs of free cells with at least ``min_expert_steps`` expert
-    steps between them. A maze where no such pair turns up is replaced by a new one.
 
-    Args:
-        size: Side of the maze in cells, at least 5.
-        rng: Source of the draws.
-        min_expert_steps: Moves that the expert needs at least.
+def lattice_shape(shape: Shape) -> Shape:
+    """Return how many lattice cells a maze has each way.
 
     Raises:
-        ValueError: If the size is too small, or no maze of this size has such a pair.
+        ValueError: If a side is too small.
     """
-    # A tree of n lattice cells has no way of more than 2 (n - 1) steps.
-    possible = min_expert_steps <= 2 * (_lattice_side(size) ** 2 - 1)
-    for _ in range(MAX_MAZES if possible else 0):
-        blocked = wilson_maze(size, rng)
-        expert = Expert(blocked)
-        free = np.argwhere(~blocked)
-        for start_index, goal_index in rng.integers(len(free), size=(MAX_PAIRS, 2)).tolist():
-            start = (int(free[start_index, 0]), int(free[start_index, 1]))
-            goal = (int(free[goal_index, 0]), int(free[goal_index, 1]))
-            costs = expert.cost_to_go(goal)
-            if costs[start] < min_expert_steps:  # no step is shorter than 1
-                continue
-            steps = len(expert.actions(start, costs))
-            if steps >= min_expert_steps:
-                return Maze(blocked, start, goal, steps, float(costs[start]))
-    msg = (
-        f'No maze of size {size} was found with {min_expert_steps} expert steps or more '
-        'between start and goal.'
-    )
-    raise ValueError(msg)
-
-
-def make_mazes(count: int, size: int, seed: int, min_expert_steps: int = 15) -> list[Maze]:
-    """Draw mazes of which number i depends on the seed and i alone.
-
-    Args:
-        count: How many.
-        size: Side of each maze in cells, at least 5.
-        seed: Any integer from 0.
-        min_expert_steps: Moves that the expert needs at least.
-
-    Raises:
-        ValueError: If the size is too small, or no maze of this size has such a pair.
-    """
-    return [
-        sample_maze(size, np.random.default_rng([seed, index]), min_expert_steps)
-        for index in range(count)
-    ]
-
-
-def _lattice_side(size: int) -> int:
-    if size < MIN_SIZE:
-        msg = f'A maze needs a size of at least {MIN_SIZE}, got {size}.'
+    if min(shape) < MIN_SIZE:
+        msg = f'A maze needs a size of at least {MIN_SIZE}, got {min(shape)}.'
         raise ValueError(msg)
-    return (size - 1) // 2
+    return (shape[0] - 1) // 2, (shape[1] - 1) // 2
 
 
 def _spanning_tree(

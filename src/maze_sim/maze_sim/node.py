@@ -6,7 +6,7 @@ import math
 import sys
 import time
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -30,11 +30,17 @@ from gridnav.ros.qos import EPISODE_QOS, MAP_QOS, RELIABLE_QOS
 from gridnav.ros.run import run_node
 from gridnav.ros.tf import FrameBroadcaster
 from gridnav.ros.validation import MAX_RESOLUTION_M, MIN_RESOLUTION_M, InvalidMessage
-from maze_sim.mazes import make_mazes
 from maze_sim.simulation import MazeSimulation
+from maze_sim.worlds import WORLD_KINDS, Worlds
 
 SOURCE = 'maze_sim'
 """Who speaks on ``episode``."""
+
+X_X, Y_Y = 0, 7
+"""Where the variances of x and y are in the 6 x 6 covariance of a pose."""
+
+MIN_SIDE = 9
+"""Smaller worlds have no start and goal that are 15 steps apart."""
 
 MAX_QUEUED = 1000
 """More actions than this never wait for their turn."""
@@ -44,7 +50,26 @@ MAX_QUEUED = 1000
 class MazeSimParameters:
     """Parameters of the node; those of the maze take effect with the next episode."""
 
-    size: int = parameter(15, 'Side of the maze', unit='cells', low=9, high=201)
+    size: int = parameter(15, 'Side of the world', unit='cells', low=MIN_SIDE, high=201)
+    rows: int = parameter(
+        0, 'Rows of the world where it is not square; 0 for size', unit='cells', low=0, high=201
+    )
+    cols: int = parameter(
+        0, 'Columns of the world where it is not square; 0 for size', unit='cells', low=0, high=201
+    )
+    kind: str = parameter('maze', 'Kind of the world', choices=WORLD_KINDS)
+    map_file: str = parameter(
+        '',
+        'Map of a map server (YAML) to use as the world; where it lies and the side of its cells '
+        'are those of the map; none if empty',
+    )
+    min_expert_steps: int = parameter(
+        15, 'Steps from start to goal for one who knows the world, at least', low=1, high=100_000
+    )
+    reachable: bool = parameter(
+        True,  # noqa: FBT003
+        'Whether a way leads to the goal; if not, there is a wall between start and goal',
+    )
     view_range: int = parameter(
         2, 'How far a view reaches to each side', unit='cells', low=1, high=20
     )
@@ -55,6 +80,19 @@ class MazeSimParameters:
         high=2**31 - 1,
     )
     max_steps: int = parameter(500, 'Actions after which the episode ends', low=1, high=1_000_000)
+    slip: float = parameter(
+        0.0,
+        'Probability that a step ends beside the cell it should reach, or where it began',
+        low=0.0,
+        high=1.0,
+    )
+    pose_noise: float = parameter(
+        0.0,
+        'Standard deviation of the pose in odom; local_map is still placed where the robot is',
+        unit='cells',
+        low=0.0,
+        high=100.0,
+    )
     rate: float = parameter(
         0.0,
         'Actions executed in a second; 0 executes each at once',
@@ -81,6 +119,23 @@ class MazeSimParameters:
     map_frame: str = parameter('map', 'Frame of local_map and goal_pose', read_only=True)
     odom_frame: str = parameter('odom', 'Frame of odom, the same place as map', read_only=True)
     base_frame: str = parameter('base_link', 'Frame of the robot', read_only=True)
+
+    def __post_init__(self) -> None:
+        """Refuse a side that is neither left to ``size`` nor long enough."""
+        for name, side in (('rows', self.rows), ('cols', self.cols)):
+            if 0 < side < MIN_SIDE:
+                msg = f'Parameter {name!r} must be 0 or {MIN_SIDE} to 201 cells, got {side}.'
+                raise ValueError(msg)
+
+    def worlds(self) -> Worlds:
+        """Return what the worlds are drawn from."""
+        return Worlds(
+            (self.rows or self.size, self.cols or self.size),
+            self.kind,
+            map_file=self.map_file,
+            min_expert_steps=self.min_expert_steps,
+            reachable=self.reachable,
+        )
 
 
 class MazeSimNode(BaseNode[MazeSimParameters]):
@@ -122,12 +177,22 @@ class MazeSimNode(BaseNode[MazeSimParameters]):
         if p.seed != self._base_seed:
             self._base_seed, self._episodes = p.seed, 0
         seed = self._base_seed + self._episodes
+        worlds = p.worlds()
+        maze = worlds.sample(np.random.default_rng([seed, 0]))
+        simulation = MazeSimulation(
+            [maze],
+            p.view_range,
+            p.max_steps,
+            slip=p.slip,
+            pose_noise=p.pose_noise,
+            seeds=[[seed, 1]],
+        )
         self._episodes += 1
-        maze = make_mazes(1, p.size, seed)[0]
-        rows, cols = maze.blocked.shape
         self._seed = seed
-        self._simulation = MazeSimulation([maze], p.view_range, p.max_steps)
-        self._geometry = GridGeometry(rows, cols, p.resolution)
+        self._simulation = simulation
+        self._geometry = worlds.geometry
+        if not p.map_file:
+            self._geometry = replace(worlds.geometry, resolution=p.resolution)
         self._actions.clear()
         self._pace.cancel()
         self._yaw = 0.0
@@ -136,9 +201,13 @@ class MazeSimNode(BaseNode[MazeSimParameters]):
         self._start = self._stamp
         self._publish_episode()
         self._publish_step()
+        rows, cols = self._geometry.shape
+        for_expert = f'{maze.expert_steps} steps for one who knows the maze'
+        if not maze.reachable:
+            for_expert = 'no way to the goal'
         self.get_logger().info(
-            f'Episode with seed {self._seed}: {p.size} x {p.size} cells, view range '
-            f'{p.view_range}, {maze.expert_steps} steps for one who knows the maze.'
+            f'Episode with seed {self._seed}: {rows} x {cols} cells, view range '
+            f'{p.view_range}, {for_expert}.'
         )
 
     def _reset(self) -> str:
@@ -210,7 +279,6 @@ class MazeSimNode(BaseNode[MazeSimParameters]):
 
     def _publish_episode(self) -> None:
         result = self._simulation.results()[0]
-        p = self.parameters
         values = {
             'steps': result.steps,
             'path_cost': f'{result.path_cost:.6f}',
@@ -219,12 +287,12 @@ class MazeSimNode(BaseNode[MazeSimParameters]):
             'spl': f'{result.spl:.6f}',
             'spl_steps': f'{result.spl_steps:.6f}',
             'seed': self._seed,
-            'size': self._geometry.rows,
+            'size': max(self._geometry.shape),
             'rows': self._geometry.rows,
             'cols': self._geometry.cols,
             'view_range': self._simulation.view_range,
             'max_steps': self._simulation.max_steps,
-            'resolution': p.resolution,
+            'resolution': self._geometry.resolution,
         }
         status = EpisodeStatus(
             SOURCE, result.outcome, self._start, {key: str(v) for key, v in values.items()}
@@ -255,27 +323,24 @@ class MazeSimNode(BaseNode[MazeSimParameters]):
     def _publish_observation(self) -> None:
         """Publish where the robot stands and what it sees, as of the latest step."""
         p, stamp = self.parameters, self._stamp
-        row, col = self._simulation.cells[0].tolist()
-        x, y = self._geometry.center_of(row, col)
+        x, y = self._geometry.center_of(*self._simulation.reported_cells[0].tolist())
         self._frames.send(stamp, p.map_frame, p.odom_frame, 0.0, 0.0, 0.0)
         self._frames.send(stamp, p.odom_frame, p.base_frame, x, y, self._yaw)
-        self._odom.publish(
-            to_odometry(
-                x,
-                y,
-                self._yaw,
-                stamp=stamp,
-                frame_id=p.odom_frame,
-                child_frame_id=p.base_frame,
-            )
+        odometry = to_odometry(
+            x, y, self._yaw, stamp=stamp, frame_id=p.odom_frame, child_frame_id=p.base_frame
         )
+        variance = (self._simulation.pose_noise * self._geometry.resolution) ** 2
+        odometry.pose.covariance[X_X] = odometry.pose.covariance[Y_Y] = variance
+        self._odom.publish(odometry)
         reach = self._simulation.view_range
+        row, col = self._simulation.cells[0].tolist()
+        resolution = self._geometry.resolution
         geometry = GridGeometry(
             rows=2 * reach + 1,
             cols=2 * reach + 1,
-            resolution=p.resolution,
-            origin_x=(col - reach) * p.resolution,
-            origin_y=(row - reach) * p.resolution,
+            resolution=resolution,
+            origin_x=self._geometry.origin_x + (col - reach) * resolution,
+            origin_y=self._geometry.origin_y + (row - reach) * resolution,
         )
         window = self._simulation.windows()[0]
         self._local_map.publish(

@@ -2,24 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gridnav.actions import DONE, NUM_ACTIONS, STEP_LENGTHS, STEPS
+from gridnav.actions import DONE, NUM_ACTIONS, NUM_MOVES, STEP_LENGTHS, STEPS
 from gridnav.metrics import EpisodeResult, Outcome
 from gridnav.partial_map import FREE, FREE_VALUE, GOAL, OBSTACLE, OCCUPIED_VALUE, UNKNOWN_VALUE
 from maze_sim.visibility import visible_in_windows
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from maze_sim.mazes import Maze
 
+Seed = int | Sequence[int]
+"""What a random generator is made from: a number from 0, or several."""
+
 _STEPS = np.vstack((STEPS, np.zeros((1, 2), dtype=np.int64)))
 """(Δrow, Δcol) of all nine actions, (9, 2): Done stays."""
+
+_SLIPS = np.column_stack(
+    (
+        (np.arange(NUM_MOVES) - 1) % NUM_MOVES,
+        (np.arange(NUM_MOVES) + 1) % NUM_MOVES,
+        np.full(NUM_MOVES, DONE),
+    )
+)
+"""Where a move leads that slips, as actions (8, 3): beside the right cell, or nowhere."""
 
 
 class MazeSimulation:
@@ -32,9 +43,18 @@ class MazeSimulation:
     map. If the last action allowed ends the episode in another way too, that way counts. Nothing
     is reset by itself.
 
+    A move slips with probability ``slip``: the robot then stays, or lands in one of the two cells
+    beside the one that it should reach, each as likely as the others that a valid step leads to.
+    A slip is never a collision, and a move into a wall is one whatever happens.
+
+    With ``pose_noise`` the robot's cell is known up to a Gaussian error alone, drawn anew with
+    each observation. The partial maps still hold what was seen where it is, and views are centred
+    on the true cell: mapping is perfect, so that what the uncertain pose does can be told apart.
+
     Attributes:
         partial_maps: What each robot has seen, float32 (B, 3, H, W), updated in place.
-        cells: The robots' cells (row, col), (B, 2).
+        cells: The robots' true cells (row, col), (B, 2).
+        reported_cells: The cells that the robots are told to be in, (B, 2).
         goal_seen: Whether the goal has been seen, (B,).
         active: Whether the episode is still running, (B,).
         steps: Actions taken, collisions and Done included, (B,).
@@ -43,6 +63,8 @@ class MazeSimulation:
         mazes: The mazes, B.
         view_range: Cells that a view reaches to each side, r.
         max_steps: Actions after which an episode ends.
+        slip: Probability of a move to slip.
+        pose_noise: Standard deviation of the reported cells from the true ones in cells.
     """
 
     def __init__(
@@ -52,6 +74,9 @@ class MazeSimulation:
         max_steps: int = 500,
         *,
         stop_on_repeat: bool = False,
+        slip: float = 0.0,
+        pose_noise: float = 0.0,
+        seeds: Sequence[Seed] | None = None,
     ) -> None:
         """Put each robot on its start and take the first look.
 
@@ -59,7 +84,11 @@ class MazeSimulation:
             mazes: At least one maze, all of one shape.
             view_range: Cells that a view reaches to each side, at least 1.
             max_steps: Actions after which an episode ends, at least 1.
-            stop_on_repeat: Whether an exact loop ends the episode.
+            stop_on_repeat: Whether an exact loop ends the episode. With slips or noise there are
+                none, as nothing repeats exactly.
+            slip: Probability of a move to slip, 0 to 1.
+            pose_noise: Standard deviation of the reported cells from the true ones in cells.
+            seeds: Of the slips and the noise of each episode, B; 0 to B - 1 if None.
 
         Raises:
             ValueError: If an argument is out of range.
@@ -73,13 +102,18 @@ class MazeSimulation:
         if view_range < 1:
             msg = f'The view range must be at least 1, got {view_range}.'
             raise ValueError(msg)
+        _check_noise(slip, pose_noise, stop_on_repeat=stop_on_repeat)
         count = len(mazes)
         height, width = mazes[0].blocked.shape
         self.mazes = list(mazes)
         self.view_range = view_range
         self.max_steps = max_steps
+        self.slip = slip
+        self.pose_noise = pose_noise
         self.partial_maps = np.zeros((count, 3, height, width), dtype=np.float32)
         self.cells = np.zeros((count, 2), dtype=np.int64)
+        # One array, unless they differ.
+        self.reported_cells = self.cells.copy() if pose_noise else self.cells
         self.goal_seen = np.zeros(count, dtype=np.bool_)
         self.active = np.zeros(count, dtype=np.bool_)
         self.steps = np.zeros(count, dtype=np.int64)
@@ -109,18 +143,25 @@ class MazeSimulation:
         if stop_on_repeat:
             self._news_when_taken = np.zeros((count, height, width, NUM_ACTIONS), dtype=np.int32)
 
-        self.restart(np.arange(count), mazes)
+        self._generators = [np.random.default_rng(0)] * count
+        self.restart(np.arange(count), mazes, range(count) if seeds is None else seeds)
 
-    def restart(self, rows: NDArray[np.int64], mazes: Sequence[Maze]) -> None:
+    def restart(
+        self, rows: NDArray[np.int64], mazes: Sequence[Maze], seeds: Sequence[Seed] | None = None
+    ) -> None:
         """Begin new episodes in some rows and take their first look.
 
         Args:
             rows: The rows, (N,).
             mazes: Their new mazes, N, of the shape of the others.
+            seeds: Of their slips and noise, N; if None, the rows draw on from where they are.
 
         Raises:
-            ValueError: If a maze has another shape.
+            ValueError: If a maze has another shape, or the numbers differ.
         """
+        if seeds is not None:
+            for row, seed in zip(rows.tolist(), seeds, strict=True):
+                self._generators[row] = np.random.default_rng(seed)
         shape = self.partial_maps.shape[2:]
         for row, maze in zip(rows.tolist(), mazes, strict=True):
             if maze.blocked.shape != shape:
@@ -143,6 +184,7 @@ class MazeSimulation:
             rows * padded_height + padded_cells[:, 0]
         ) * padded_width + padded_cells[:, 1]
         self._observe(rows)
+        self._report(rows)
 
     def step(self, actions: NDArray[np.integer]) -> None:
         """Take one action in every running episode and merge what is then seen.
@@ -163,21 +205,17 @@ class MazeSimulation:
             msg = f'An action is an index from 0 to {DONE}, got {chosen[out_of_range][0]}.'
             raise ValueError(msg)
 
-        truth = self._truth.reshape(-1)
-        positions = self._positions[rows]
-        # A diagonal step needs one open cell beside it. For the others, and for Done, one of the
-        # two cells is the robot's own.
-        collided = (truth[positions + self._step_offsets[chosen]] != FREE_VALUE) | (
-            (truth[positions + self._row_offsets[chosen]] != FREE_VALUE)
-            & (truth[positions + self._col_offsets[chosen]] != FREE_VALUE)
-        )
+        collided = self._blocked(rows, chosen)
         repeated = self._note_taken(rows, chosen)
         moves = np.where(collided, DONE, chosen)
+        if self.slip:
+            moves = self._slipped(rows, moves)
         self.steps[rows] += 1
         self.path_costs[rows] += STEP_LENGTHS[moves]
         self.cells[rows] += _STEPS[moves]
         self._positions[rows] += self._step_offsets[moves]
         self._observe(rows)
+        self._report(rows)
 
         done = chosen == DONE
         on_goal = (self.cells[rows] == self._goals[rows]).all(axis=1)
@@ -222,6 +260,41 @@ class MazeSimulation:
         """Return what each episode came to so far, B."""
         return [self.result(row) for row in range(len(self.mazes))]
 
+    def _blocked(self, rows: NDArray[np.int64], actions: NDArray[np.integer]) -> NDArray[np.bool_]:
+        """Tell which actions (N,) can not be done where the robots are, (N,); Done can."""
+        truth = self._truth.reshape(-1)
+        positions = self._positions[rows]
+        # A diagonal step needs one open cell beside it. For the others, and for Done, one of the
+        # two cells is the robot's own.
+        blocked: NDArray[np.bool_] = (
+            truth[positions + self._step_offsets[actions]] != FREE_VALUE
+        ) | (
+            (truth[positions + self._row_offsets[actions]] != FREE_VALUE)
+            & (truth[positions + self._col_offsets[actions]] != FREE_VALUE)
+        )
+        return blocked
+
+    def _slipped(self, rows: NDArray[np.int64], moves: NDArray[np.integer]) -> NDArray[np.integer]:
+        """Return where the moves (N,) really lead, as actions (N,)."""
+        # Two draws each step whatever the action is, so that the luck of a step is its own.
+        draws = np.reshape([self._generators[row].random(2) for row in rows], (-1, 2))
+        slips = np.flatnonzero((moves != DONE) & (draws[:, 0] < self.slip))
+        ways = _SLIPS[moves[slips]]
+        possible = np.column_stack([~self._blocked(rows[slips], way) for way in ways.T])
+        number = (draws[slips, 1] * possible.sum(axis=1)).astype(np.int64)
+        drawn = (possible.cumsum(axis=1) > number[:, None]).argmax(axis=1)
+        led = moves.copy()
+        led[slips] = ways[np.arange(len(slips)), drawn]
+        return led
+
+    def _report(self, rows: NDArray[np.int64]) -> None:
+        """Draw the cells that some robots are told to be in."""
+        if self.pose_noise:
+            errors = [self._generators[row].normal(0.0, self.pose_noise, 2) for row in rows]
+            reported = np.rint(self.cells[rows] + np.reshape(errors, (-1, 2)))
+            highest = np.array(self.partial_maps.shape[2:]) - 1
+            self.reported_cells[rows] = np.clip(reported, 0, highest).astype(np.int64)
+
     def _look(
         self, rows: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], NDArray[np.int8], NDArray[np.bool_]]:
@@ -265,3 +338,15 @@ class MazeSimulation:
     def _end(self, rows: NDArray[np.int64], outcome: Outcome) -> None:
         self.active[rows] = False
         self.outcomes[rows] = outcome
+
+
+def _check_noise(slip: float, pose_noise: float, *, stop_on_repeat: bool) -> None:
+    if not 0.0 <= slip <= 1.0:
+        msg = f'The probability of a slip must be 0 to 1, got {slip}.'
+        raise ValueError(msg)
+    if not 0.0 <= pose_noise < np.inf:
+        msg = f'The noise of the pose must be 0 cells or more and finite, got {pose_noise}.'
+        raise ValueError(msg)
+    if stop_on_repeat and (slip or pose_noise):
+        msg = 'Exact loops can not be told where steps slip or poses are noisy.'
+        raise ValueError(msg)

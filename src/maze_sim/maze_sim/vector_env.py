@@ -11,14 +11,14 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from gridnav.actions import NUM_ACTIONS
-from maze_sim.env import TRUNCATING, Observation, make_observation_space
-from maze_sim.mazes import sample_maze
+from maze_sim.env import TRUNCATING, Observation, draw_seeds, make_observation_space
 from maze_sim.simulation import MazeSimulation
+from maze_sim.worlds import Worlds
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from maze_sim.mazes import Maze
+    from maze_sim.mazes import Maze, Shape
 
 
 class GridMaze2DVectorEnv(VectorEnv[Observation, 'NDArray[np.int64]', 'NDArray[Any]']):
@@ -38,29 +38,41 @@ class GridMaze2DVectorEnv(VectorEnv[Observation, 'NDArray[np.int64]', 'NDArray[A
         self,
         num_envs: int = 1,
         *,
-        size: int = 15,
+        size: int | Shape = 15,
+        kind: str = 'maze',
+        map_file: str = '',
         view_range: int = 2,
         max_steps: int = 500,
         min_expert_steps: int = 15,
         stop_on_repeat: bool = False,
+        slip: float = 0.0,
+        pose_noise: float = 0.0,
     ) -> None:
         """Set up the spaces; the first mazes are drawn by ``reset``.
 
         Args:
             num_envs: Number of environments, B.
-            size: Side of the mazes in cells, at least 5.
+            size: Side of the worlds in cells, or their rows and columns, each at least 5.
+            kind: Kind of the worlds, one of ``WORLD_KINDS``.
+            map_file: A map of a map server, instead of a size and a kind; none if empty.
             view_range: Cells that a view reaches to each side, at least 1.
             max_steps: Actions after which an episode is cut short.
             min_expert_steps: Moves between start and goal at least.
             stop_on_repeat: Whether an exact loop is cut short.
+            slip: Probability that a step ends beside the cell it should reach, or where it began.
+            pose_noise: Standard deviation of the reported cells in cells.
+
+        Raises:
+            ValueError: If there are no such worlds.
         """
         self.num_envs = num_envs
-        self.size = size
+        self.worlds = Worlds(size, kind, map_file=map_file, min_expert_steps=min_expert_steps)
         self.view_range = view_range
         self.max_steps = max_steps
-        self.min_expert_steps = min_expert_steps
         self.stop_on_repeat = stop_on_repeat
-        self.single_observation_space = make_observation_space(size)
+        self.slip = slip
+        self.pose_noise = pose_noise
+        self.single_observation_space = make_observation_space(self.worlds.shape)
         self.single_action_space = gymnasium.spaces.Discrete(NUM_ACTIONS)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -85,11 +97,15 @@ class GridMaze2DVectorEnv(VectorEnv[Observation, 'NDArray[np.int64]', 'NDArray[A
             self._generators = [np_random(seed + index)[0] for index in range(self.num_envs)]
         elif not self._generators:
             self._generators = [np_random()[0] for _ in range(self.num_envs)]
+        mazes, seeds = self._draw(np.arange(self.num_envs))
         simulation = self._simulation = MazeSimulation(
-            self._draw_mazes(np.arange(self.num_envs)),
+            mazes,
             self.view_range,
             self.max_steps,
             stop_on_repeat=self.stop_on_repeat,
+            slip=self.slip,
+            pose_noise=self.pose_noise,
+            seeds=seeds,
         )
         return self._observation(simulation), self._info(simulation, np.zeros(self.num_envs))
 
@@ -115,7 +131,7 @@ class GridMaze2DVectorEnv(VectorEnv[Observation, 'NDArray[np.int64]', 'NDArray[A
         over = np.flatnonzero(~simulation.active)
         simulation.step(actions)
         if len(over):
-            simulation.restart(over, self._draw_mazes(over))
+            simulation.restart(over, *self._draw(over))
 
         rewards, spl = np.zeros((2, self.num_envs))
         terminations, truncations = np.zeros((2, self.num_envs), dtype=np.bool_)
@@ -128,17 +144,17 @@ class GridMaze2DVectorEnv(VectorEnv[Observation, 'NDArray[np.int64]', 'NDArray[A
         infos = self._info(simulation, spl)
         return self._observation(simulation), rewards, terminations, truncations, infos
 
-    def _draw_mazes(self, indices: NDArray[np.int64]) -> list[Maze]:
-        return [
-            sample_maze(self.size, self._generators[index], self.min_expert_steps)
-            for index in indices.tolist()
-        ]
+    def _draw(self, indices: NDArray[np.int64]) -> tuple[list[Maze], list[int]]:
+        """Draw a maze and a seed of the noise for some environments."""
+        generators = [self._generators[index] for index in indices.tolist()]
+        mazes = [self.worlds.sample(rng) for rng in generators]
+        return mazes, draw_seeds(generators, noisy=self.slip > 0 or self.pose_noise > 0)
 
     @staticmethod
     def _observation(simulation: MazeSimulation) -> Observation:
         return {
             'partial_map': simulation.partial_maps.copy(),
-            'cell': simulation.cells.copy(),
+            'cell': simulation.reported_cells.copy(),
         }
 
     def _info(self, simulation: MazeSimulation, spl: NDArray[np.float64]) -> dict[str, Any]:

@@ -2,21 +2,32 @@
 
 Until the goal is seen an explorer does not know where it is, so one rollout that looks for
 nothing and explores everything tells what every goal would have cost: the way until it is seen,
-and on to it. The mean over all goals that were still possible is what the rollout's steps are
-labelled with, and it varies much less than the cost of reaching a single goal.
+and on to it. The steps of the rollout are labelled with their mean over all goals that were still
+possible, and that varies much less than the cost of reaching a single goal.
+
+The mean is one of γ^cost, a success that counts less the longer it takes, and not of the costs:
+what is found late hardly counts any more, so an explorer does well to look first where most of
+the goals may be, as SPL rewards it, and leaves the odd corner for later.
+
+What decides is not what a choice costs but what it costs beside the others. So some steps are
+taken again in another way: the explorer is put back to where it was, with what it knew, and sent
+to another frontier. The costs of such siblings differ by the choice alone, in one and the same
+world.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
+from scipy.ndimage import label
 
-from gridnav import DONE, FREE, GOAL, OBSTACLE, STEP_LENGTHS, STEPS, valid_moves
+from gridnav import DONE, FREE, GOAL, NUM_MOVES, OBSTACLE, STEP_LENGTHS, STEPS, valid_moves
 from maze_sim import MazeSimulation, cost_to_go
-from vgdp_experiments.map_codes import pack
+from vgdp_experiments.map_codes import pack, unpack
+from vgdp_planner.best_ways import UNREACHED, best_way_values
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,50 +43,76 @@ PULL = 1000.0
 LEAST_GOAL_COST = 15.0
 """Goals of the labels lie at least this far from the start, as those of the episodes do."""
 
+CHOICES = 4
+"""No more choices of one step are tried than this."""
+
+CHOICE_TEMPERATURE = 3.0
+"""Cells by which a choice may look worse and still be tried about a third as often."""
+
+CLOSE_CALL = 12.0
+"""Choices that look worse by more cells than this are not tried."""
+
+PATIENCE = 30.0
+"""The cost in cells after which a success counts e times less: γ = exp(−1 / PATIENCE)."""
+
+KEPT_SHARE = 0.25
+"""Share of the steps that are kept whose choice was not compared with others."""
+
 
 @dataclass(frozen=True)
 class ExplorationSteps:
-    """Steps of explorations.
+    """Steps of explorations, each with the choices that were tried there.
 
     Attributes:
         codes: What had been seen, packed, uint8 (N, H, W).
-        targets: The unseen cell (row, col) that the explorer was heading to, (N, 2).
-        costs: Expected cost that is still to come once the explorer is there, float32 (N,).
+        targets: The unseen cells (row, col) that the explorer was heading to, (N, K, 2).
+        distances: How far they are, float32 (N, K); inf where there is no further choice.
+        successes: Mean of γ^cost over the possible goals that had not been seen, by the cost that
+            is still to come once the explorer is there, float32 (N, K).
         weights: Share of the possible goals that had not been seen, float32 (N,).
     """
 
     codes: NDArray[np.uint8]
     targets: NDArray[np.int64]
-    costs: NDArray[np.float32]
+    distances: NDArray[np.float32]
+    successes: NDArray[np.float32]
     weights: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        """Return the number of steps."""
+        return len(self.codes)
+
+    def take(self, rows: NDArray[np.integer] | NDArray[np.bool_]) -> ExplorationSteps:
+        """Return some of the steps."""
+        return ExplorationSteps(*(getattr(self, item.name)[rows] for item in fields(self)))
+
+    @classmethod
+    def joined(cls, parts: Sequence[ExplorationSteps]) -> ExplorationSteps:
+        """Join steps on maps of one shape."""
+        return cls(
+            *(np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(cls))
+        )
 
 
 class GreedyExplorer:
     """Steps greedily on a value function in many mazes, solving again only what has changed.
 
     Args:
-        network: The value function.
+        network: The value function. Its worth of the unseen counts; what steps cost and where
+            they lead is known here.
         shape: (B, H, W).
-        rng: Source of the detours; without it there are none. On a detour, which comes once to
-            each row, the explorer is sent to a random frontier cell, so that what it would not do
-            by itself is tried, too.
+        pulls: Added to the worth of each cell until it is seen, (B, H, W); none if None.
     """
 
     def __init__(
         self,
-        network: ValueNetwork,
+        network: ValueNetwork | None,
         shape: tuple[int, int, int],
-        rng: np.random.Generator | None = None,
+        pulls: NDArray[np.float32] | None = None,
     ) -> None:
         self._network = network
-        self._rng = rng
-        self._tick = 0
-        count, height, width = shape
-        self._detour_at = np.full(count, -1)
-        if rng is not None:
-            self._detour_at = rng.integers(0, 4 * max(height, width), size=count)
-        self._pull = np.zeros(shape, dtype=np.float32)
-        self._known = np.full(count, -1)
+        self._pulls = np.zeros(shape, dtype=np.float32) if pulls is None else pulls.copy()
+        self._known = np.full(shape[0], -1)
         self.actions_at = np.zeros(shape, dtype=np.int64)
         self.reached = np.zeros(shape, dtype=np.bool_)
 
@@ -86,30 +123,64 @@ class GreedyExplorer:
         anything worth going to is in reach, both (B, H, W).
         """
         unseen = (maps[:, OBSTACLE] == 0) & (maps[:, FREE] == 0)
-        self._pull *= unseen
+        self._pulls *= unseen
         known = (~unseen).sum(axis=(1, 2)) + maps[:, GOAL].sum(axis=(1, 2), dtype=np.int64)
-        stale = active & (known != self._known)
+        rows = np.flatnonzero(active & (known != self._known))
         self._known = known
-        for row in np.flatnonzero(active & (self._detour_at == self._tick)):
-            choices = np.argwhere(frontier_cells(maps[row, None])[0])
-            if self._rng is not None and len(choices):
-                self._pull[row][tuple(choices[self._rng.integers(len(choices))])] = PULL
-                stale[row] = True
-        self._tick += 1
-        rows = np.flatnonzero(stale)
         if len(rows):
-            with torch.no_grad():
-                found = self._network(
-                    torch.from_numpy(maps[rows]), torch.from_numpy(self._pull[rows])
-                )
-            self.actions_at[rows] = found.q_values.argmax(dim=1).numpy()
-            self.reached[rows] = found.reached.numpy()
+            worth = worth_of_unseen(self._network, maps[rows]) + self._pulls[rows]
+            self.actions_at[rows], self.reached[rows] = best_actions(maps[rows], worth)
         return rows
 
     def at(self, cells: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Return the best actions at cells (B, 2), and whether anything is in reach there."""
         place = np.arange(len(cells)), cells[:, 0], cells[:, 1]
         return self.actions_at[place], self.reached[place]
+
+
+@torch.no_grad()
+def worth_of_unseen(
+    network: ValueNetwork | None, maps: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Return the network's worth of the unseen cells of maps (B, 3, H, W), (B, H, W).
+
+    In bfloat16, which is exact to about a fifth of a cell and twice as fast. Without a network
+    all is worth 0, and what is nearest is best.
+    """
+    if network is None:
+        return np.zeros(maps[:, 0].shape, dtype=np.float32)
+    with torch.autocast('cpu', dtype=torch.bfloat16):
+        worth: NDArray[np.float32] = (
+            network.worth_of_unseen(torch.from_numpy(maps)).float().numpy()
+        )
+    return worth
+
+
+def best_actions(
+    maps: NDArray[np.float32], worth: NDArray[np.float32]
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return the best action at each cell and whether anything is in reach there, (B, H, W).
+
+    Args:
+        maps: (B, 3, H, W).
+        worth: Of the unseen cells, (B, H, W).
+    """
+    obstacle, free, goal = (maps[:, channel] > 0 for channel in (OBSTACLE, FREE, GOAL))
+    seen_goal = goal.any(axis=(1, 2), keepdims=True)
+    worth = np.where(seen_goal, np.minimum(worth, 0.0) - 2.0 * maps[0, 0].size, worth)
+    boundary = np.where(goal, 0.0, np.where(obstacle | free, UNREACHED, worth))
+    lengths = STEP_LENGTHS[:NUM_MOVES, None, None]
+    costs = np.where(valid_moves(obstacle), lengths, np.inf)
+    values = best_way_values(boundary, free & ~goal, costs, STEPS)
+    framed = np.pad(values, ((0, 0), (1, 1), (1, 1)), constant_values=UNREACHED)
+    height, width = values.shape[1:]
+    ahead = np.stack(
+        [framed[:, 1 + dr : 1 + dr + height, 1 + dc : 1 + dc + width] for dr, dc in STEPS.tolist()]
+        + [np.where(goal, 0.0, 2 * UNREACHED)],
+        axis=1,
+    )
+    ahead[:, :NUM_MOVES] -= costs
+    return ahead.argmax(axis=1), ~obstacle & (values > UNREACHED / 2)
 
 
 def frontier_cells(partial_maps: NDArray[np.float32]) -> NDArray[np.bool_]:
@@ -126,8 +197,46 @@ def frontier_cells(partial_maps: NDArray[np.float32]) -> NDArray[np.bool_]:
     return entered[:, 1:-1, 1:-1] & ~obstacle & ~free
 
 
+@dataclass(frozen=True)
+class _Notes:
+    """What was noted of an exploration, step by step.
+
+    Attributes:
+        rows: Which maze, (N,).
+        codes: What was known, (N, H, W).
+        cells: Where the explorer was, (N, 2).
+        targets: The unseen cells that it was heading to, (N, 2).
+        distances: How far they were, (N,).
+        successes: Mean of γ^cost by the cost still to come from where it was, (N,).
+        weights: Share of the possible goals that had not been seen, (N,); 0 leaves a step out.
+    """
+
+    rows: NDArray[np.int64]
+    codes: NDArray[np.uint8]
+    cells: NDArray[np.int64]
+    targets: NDArray[np.int64]
+    distances: NDArray[np.float64]
+    successes: NDArray[np.float64]
+    weights: NDArray[np.float64]
+
+    def as_steps(self, rows: NDArray[np.integer]) -> ExplorationSteps:
+        """Return some of the steps with the one choice that was made there."""
+        targets = np.zeros((len(rows), CHOICES, 2), dtype=np.int64)
+        distances = np.full((len(rows), CHOICES), np.inf, dtype=np.float32)
+        successes = np.zeros((len(rows), CHOICES), dtype=np.float32)
+        targets[:, 0] = self.targets[rows]
+        distances[:, 0] = self.distances[rows]
+        successes[:, 0] = self.successes[rows] * np.exp(self.distances[rows] / PATIENCE)
+        weights = self.weights[rows].astype(np.float32)
+        return ExplorationSteps(self.codes[rows], targets, distances, successes, weights)
+
+
 def explore(
-    mazes: Sequence[Maze], network: ValueNetwork, view_range: int, rng: np.random.Generator
+    mazes: Sequence[Maze],
+    network: ValueNetwork | None,
+    view_range: int,
+    branches: int,
+    rng: np.random.Generator,
 ) -> ExplorationSteps:
     """Explore mazes completely and label the steps with what finding a goal costs on average.
 
@@ -135,28 +244,98 @@ def explore(
         mazes: Of one shape. The goals are not used: all cells far enough from the start are.
         network: The explorer steps greedily on its values.
         view_range: Cells that a view reaches to each side.
-        rng: Source of the detours.
+        branches: Steps of each maze where other choices are tried, too.
+        rng: Source of the choice of these, and of the steps that are kept.
+    """
+    far = np.stack([cost_to_go(maze.blocked, maze.start) for maze in mazes])
+    possible = np.isfinite(far) & (far >= LEAST_GOAL_COST)
+    notes = _explore(mazes, possible, network, view_range)
+    steps = _branches(notes, len(mazes), branches, rng)
+    groups = notes.as_steps(steps)
+    rows, choices, targets, distances = _other_choices(notes, steps, groups, network, rng)
+    parts = [notes.as_steps(_some(notes, rng))]
+    # In shares as large as the first, to keep the memory in bounds.
+    for begin in range(0, len(rows), len(mazes)):
+        part = slice(begin, begin + len(mazes))
+        origin = steps[rows[part]]
+        again = [
+            replace(mazes[notes.rows[step]], start=tuple(notes.cells[step].tolist()))
+            for step in origin.tolist()
+        ]
+        pulls = np.zeros((len(again), *possible.shape[1:]), dtype=np.float32)
+        pulls[np.arange(len(again)), targets[part, 0], targets[part, 1]] = PULL
+        sibling = _explore(
+            again, possible[notes.rows[origin]], network, view_range, notes.codes[origin], pulls
+        )
+        # Each row was looked at before its first step.
+        first = np.searchsorted(sibling.rows[: len(again)], np.arange(len(again)))
+        place = rows[part], choices[part]
+        groups.targets[place] = targets[part]
+        groups.distances[place] = distances[part]
+        groups.successes[place] = sibling.successes[first] * np.exp(distances[part] / PATIENCE)
+        parts.append(sibling.as_steps(_some(sibling, rng)))
+    compared = np.isfinite(groups.distances).sum(axis=1) > 1
+    return ExplorationSteps.joined([*parts, groups.take(compared)])
+
+
+def _some(notes: _Notes, rng: np.random.Generator) -> NDArray[np.int64]:
+    return np.flatnonzero((notes.weights > 0) & (rng.random(len(notes.rows)) < KEPT_SHARE))
+
+
+def _explore(
+    mazes: Sequence[Maze],
+    possible: NDArray[np.bool_],
+    network: ValueNetwork | None,
+    view_range: int,
+    known: NDArray[np.uint8] | None = None,
+    pulls: NDArray[np.float32] | None = None,
+) -> _Notes:
+    """Explore mazes completely, from their starts and from what is known of them.
+
+    Args:
+        mazes: B of one shape.
+        possible: Where the goal may be, (B, H, W).
+        network: The explorer steps greedily on its values.
+        view_range: Cells that a view reaches to each side.
+        known: What has been seen before, packed, (B, H, W).
+        pulls: Added to the worth of the unseen, (B, H, W).
     """
     count = len(mazes)
     height, width = mazes[0].blocked.shape
     simulation = MazeSimulation(mazes, view_range, max_steps=20 * height * width)
-    explorer = GreedyExplorer(network, (count, height, width), rng)
+    explorer = GreedyExplorer(network, (count, height, width), pulls)
+    before = np.zeros((count, 3, height, width), np.float32) if known is None else unpack(known)
     found_at = np.full((count, height, width), np.inf)
-    noted = []
+    noted: list[tuple[NDArray[Any], ...]] = []
     while simulation.active.any():
-        maps = simulation.partial_maps.copy()
+        maps = np.maximum(simulation.partial_maps, before)
         maps[:, GOAL] = 0.0
         _note_found(found_at, maps, simulation)
         rows = explorer.look(maps, simulation.active)
         actions, reached = explorer.at(simulation.cells)
         simulation.give_up(np.flatnonzero(~reached))
+        if not noted:
+            stuck = np.flatnonzero(~simulation.active)
+            if len(stuck):
+                msg = f'There is nothing to explore from the start of the mazes {stuck.tolist()}.'
+                raise ValueError(msg)
         rows = rows[simulation.active[rows]]
-        targets, distances = _follow(explorer.actions_at[rows], maps[rows], simulation.cells[rows])
-        noted.append((rows, pack(maps[rows]), targets, simulation.path_costs[rows] + distances))
+        cells = simulation.cells[rows].copy()
+        targets, distances = _follow(explorer.actions_at[rows], maps[rows], cells)
+        noted.append(
+            (rows, pack(maps[rows]), cells, targets, distances, simulation.path_costs[rows])
+        )
         simulation.step(np.where(simulation.active, actions, DONE))
-    costs_from_start = np.stack([cost_to_go(maze.blocked, maze.start) for maze in mazes])
-    possible = np.isfinite(found_at) & (costs_from_start >= LEAST_GOAL_COST)
-    return _label(noted, found_at, possible)
+    rows, codes, cells, targets, distances, spent = (
+        np.concatenate(part) for part in zip(*noted, strict=True)
+    )
+    still_open = possible[rows] & (codes == 0) & np.isfinite(found_at)[rows]
+    number = still_open.sum(axis=(1, 2))
+    still_to_come = np.where(still_open, found_at[rows] - spent[:, None, None], np.inf)
+    total = np.exp(-still_to_come / PATIENCE).sum(axis=(1, 2))
+    successes = total / np.maximum(number, 1)
+    weights = number / np.maximum(possible.sum(axis=(1, 2))[rows], 1)
+    return _Notes(rows, codes, cells, targets, distances, successes, weights)
 
 
 def _note_found(
@@ -189,23 +368,77 @@ def _follow(
     return cells, cost
 
 
-def _label(
-    noted: list[
-        tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]]
-    ],
-    found_at: NDArray[np.float64],
-    possible: NDArray[np.bool_],
-) -> ExplorationSteps:
-    """Turn what was noted into labelled steps; those with nothing left to find are left out."""
-    codes, targets, costs, weights = [], [], [], []
-    for rows, code, target, cost_at_target in noted:
-        still_open = possible[rows] & (code == 0)
-        number = still_open.sum(axis=(1, 2))
-        total = np.where(still_open, found_at[rows], 0.0).sum(axis=(1, 2))
-        keep = number > 0
-        codes.append(code[keep])
-        targets.append(target[keep])
-        costs.append((total[keep] / number[keep] - cost_at_target[keep]).astype(np.float32))
-        shares = number[keep] / possible[rows[keep]].sum(axis=(1, 2))
-        weights.append(shares.astype(np.float32))
-    return ExplorationSteps(*(np.concatenate(part) for part in (codes, targets, costs, weights)))
+def _branches(
+    notes: _Notes, mazes: int, branches: int, rng: np.random.Generator
+) -> NDArray[np.int64]:
+    """Draw some steps of each maze, those before which much was open more often."""
+    # The largest of random numbers raised to 1 / weight are a draw by weight without repetition.
+    keys = np.where(notes.weights > 0, np.log(rng.random(len(notes.rows))), -np.inf)
+    keys /= np.maximum(notes.weights, 1e-9)
+    order = np.lexsort((-keys, notes.rows))
+    begins = np.searchsorted(notes.rows[order], np.arange(mazes))
+    rank = np.arange(len(order)) - begins[notes.rows[order]]
+    return order[(rank < branches) & (notes.weights[order] > 0)]
+
+
+def _other_choices(
+    notes: _Notes,
+    steps: NDArray[np.int64],
+    groups: ExplorationSteps,
+    network: ValueNetwork | None,
+    rng: np.random.Generator,
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Draw other frontiers that the explorer could have gone to, the better looking more often.
+
+    Returns:
+        Row of the group (M,), number of the choice (M,), cell (M, 2) and distance (M,).
+    """
+    maps = unpack(groups.codes)
+    worth = worth_of_unseen(network, maps)
+    frontier = frontier_cells(maps)
+    distances = _distances(maps, frontier, notes.cells[steps])
+    looks = np.where(np.isfinite(distances), worth - distances, -np.inf)
+    # Cells that touch belong to one frontier: (map, row, col), never from map to map.
+    touching = np.zeros((3, 3, 3), dtype=np.bool_)
+    touching[1] = True
+    labels, count = label(np.isfinite(looks), structure=touching)
+    where = np.flatnonzero(labels)
+    ranked = where[np.lexsort((-looks.ravel()[where], labels.ravel()[where]))]
+    begins = np.searchsorted(labels.ravel()[ranked], np.arange(1, count + 1))
+    best = ranked[begins]
+    rows, row, col = np.unravel_index(best, labels.shape)
+    # The frontier that the explorer did go to is no other choice.
+    chosen = labels[np.arange(len(steps)), groups.targets[:, 0, 0], groups.targets[:, 0, 1]]
+    best_looks = looks.reshape(len(steps), -1).max(axis=1)
+    close = looks.ravel()[best] > best_looks[rows] - CLOSE_CALL
+    other = close & (np.arange(1, count + 1) != chosen[rows])
+    rows, row, col, best = rows[other], row[other], col[other], best[other]
+    # The largest of values with Gumbel noise are a draw by their softmax without repetition.
+    keys = looks.ravel()[best] / CHOICE_TEMPERATURE + rng.gumbel(size=len(best))
+    order = np.lexsort((-keys, rows))
+    rank = np.arange(len(order)) - np.searchsorted(rows[order], rows[order])
+    order = order[rank < CHOICES - 1]
+    rank = np.arange(len(order)) - np.searchsorted(rows[order], rows[order])
+    cells = np.stack([row, col], axis=1)[order]
+    return rows[order], rank + 1, cells, distances.ravel()[best[order]]
+
+
+def _distances(
+    maps: NDArray[np.float32], frontier: NDArray[np.bool_], cells: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return how far each frontier cell is from the explorers' cells (N, 2), inf elsewhere."""
+    obstacle, free = maps[:, OBSTACLE] > 0, maps[:, FREE] > 0
+    boundary = np.full(free.shape, UNREACHED)
+    here = np.arange(len(cells)), cells[:, 0], cells[:, 1]
+    boundary[here] = 0.0
+    # Steps are as long there as back, so search from the frontier: over cells known to be free.
+    framed = np.pad(free, ((0, 0), (1, 1), (1, 1)))
+    height, width = free.shape[1:]
+    valid = valid_moves(obstacle)
+    for action, (dr, dc) in enumerate(STEPS.tolist()):
+        valid[:, action] &= framed[:, 1 + dr : 1 + dr + height, 1 + dc : 1 + dc + width]
+    costs = np.where(valid, STEP_LENGTHS[:NUM_MOVES, None, None], np.inf)
+    others = free | frontier
+    others[here] = False
+    values = best_way_values(boundary, others, costs, STEPS).astype(np.float64)
+    return np.where(frontier & (values > UNREACHED / 2), -values, np.inf)

@@ -15,8 +15,7 @@ from torch.nn import functional
 from tqdm import tqdm
 
 from gridnav import FREE, NUM_MOVES, OBSTACLE, STEP_LENGTHS, STEPS, valid_moves
-from maze_sim import visible_cells, wilson_maze
-from vgdp_experiments.worlds import open_walls
+from maze_sim import open_walls, visible_cells, wilson_maze
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

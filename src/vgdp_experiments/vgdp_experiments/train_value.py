@@ -1,54 +1,101 @@
-"""Trains the value function and the belief filter.
+"""Trains the default preset's value function and belief filter.
 
-The default preset learns the rules of the world first (`train_dynamics`), then, in rounds of
-policy iteration, what unseen space is worth: it explores mazes greedily on its own values and
-regresses on what finding the goal did cost from there. The paper's preset learns everything from
-expert demonstrations.
+The rules of the world come first (`train_dynamics`). What unseen space is worth is learned in
+rounds of policy iteration: an explorer steps greedily on the values of an earlier round, what
+finding the goal cost it is noted (`rollouts`), and the network learns to tell the better of the
+choices that were tried. Exploring goes on beside the training, a round ahead of it.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import asdict, dataclass, fields
+from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-from torch import nn
-from torch.nn import functional
+from safetensors.torch import load_file, save_file
 from tqdm import tqdm
 
-from vgdp_experiments.data import load_demonstrations
+from maze_sim import make_mazes
 from vgdp_experiments.map_codes import unpack
 from vgdp_experiments.options import add_settings, read_settings
-from vgdp_experiments.rollouts import ExplorationSteps, explore
-from vgdp_experiments.train_dynamics import motion_loss, train_dynamics
+from vgdp_experiments.rollouts import PATIENCE, ExplorationSteps, explore
+from vgdp_experiments.train_dynamics import train_dynamics
 from vgdp_experiments.training import (
     Ema,
     TrainingLog,
+    ValueParts,
     learning_rate,
     load_checkpoint,
     save_checkpoint,
 )
-from vgdp_experiments.worlds import training_maze
 from vgdp_planner.belief import BeliefFilter
-from vgdp_planner.config import Config, preset
-from vgdp_planner.value import WORTH_SCALE, ValueNetwork
+from vgdp_planner.config import preset
+from vgdp_planner.value import ValueNetwork
 from vgdp_planner.weights import save_weights
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Sequence
 
-    from numpy.typing import NDArray
     from torch import Tensor
 
-EXPLORATION_GROUPS = ((15, 1), (15, 2), (15, 2), (15, 3), (12, 2), (20, 2))
-"""(size, view range) of the mazes of a round, one share each."""
+EXPLORED_AT_ONCE = 128
+ROUNDS_KEPT = 4
+"""Explorations of so many rounds are learned from, the newest among them."""
 
-EXPLORED_AT_ONCE = 256
-CHECKPOINT_EVERY = 500
+AHEAD = 2
+"""The explorer of a round steps on the values that were learned up to so many rounds earlier."""
+
+DECAY_ROUNDS = 2
+"""The learning rate falls to zero over so many rounds at the end."""
+
 GRADIENT_NORM = 1.0
 TURNED_SHARE = 0.5
+COMPARED_SHARE = 0.3
+"""Share of a batch where several choices were tried."""
+
+USUAL_SIZE = 15
+"""Side of the maps that the numbers of mazes and samples are meant for; larger maps get fewer."""
+
+
+@dataclass(frozen=True)
+class TrainingWorld:
+    """A kind of world to explore.
+
+    Attributes:
+        kind: One of `maze_sim.WORLD_KINDS`.
+        size: Side in cells.
+        view_range: Cells that the robot sees to each side.
+        share: Share of the optimisation steps.
+    """
+
+    kind: str
+    size: int
+    view_range: int
+    share: float
+
+    @property
+    def fraction(self) -> float:
+        """How many maps of this size count as one of the usual size, inverted."""
+        return (USUAL_SIZE / self.size) ** 2
+
+
+WORLDS = (
+    TrainingWorld('maze', 15, 1, 0.13),
+    TrainingWorld('maze', 15, 2, 0.22),
+    TrainingWorld('maze', 15, 3, 0.13),
+    TrainingWorld('maze', 20, 2, 0.14),
+    TrainingWorld('maze', 30, 2, 0.14),
+    TrainingWorld('loops', 15, 2, 0.06),
+    TrainingWorld('rooms', 20, 2, 0.05),
+    TrainingWorld('rooms', 24, 3, 0.03),
+    TrainingWorld('caves', 20, 2, 0.05),
+    TrainingWorld('obstacles', 20, 2, 0.05),
+)
 
 
 @dataclass(frozen=True)
@@ -56,41 +103,32 @@ class ValueTraining:
     """Settings of a training run.
 
     Attributes:
-        preset: Which preset to train.
-        out: Folder for weights, logs and checkpoints.
+        out: Folder for weights, logs, explorations and checkpoints.
         seed: Of everything random.
-        dynamics_steps: Optimisation steps on the rules of the world (default preset).
-        rounds: Rounds of exploring and regressing (default preset).
-        mazes: Mazes that are explored in each round (default preset).
-        steps: Optimisation steps of a round; of the whole training for the paper's preset.
-        batch: Samples of a step.
-        learning_rate: Initial learning rate; it falls to zero over the last round.
+        dynamics_steps: Optimisation steps on the rules of the world.
+        rounds: Rounds of exploring and learning.
+        mazes: Worlds of the usual size that are explored in each round.
+        branches: Steps of each world where other choices are tried, too.
+        steps: Optimisation steps of a round.
+        batch: Samples of a step, of the usual size.
+        learning_rate: Initial learning rate; it falls to zero over the last rounds.
         ema: Decay of the averaged weights.
-        data: Expert demonstrations (the paper's preset).
-        threads: CPU threads.
+        workers: Processes that explore.
+        threads: CPU threads of the training.
     """
 
-    preset: str = 'default'
     out: str = 'runs/value'
     seed: int = 0
     dynamics_steps: int = 3000
-    rounds: int = 3
-    mazes: int = 3072
-    steps: int = 2000
+    rounds: int = 6
+    mazes: int = 1024
+    branches: int = 4
+    steps: int = 1800
     batch: int = 128
     learning_rate: float = 1e-3
-    ema: float = 0.995
-    data: str = 'runs/demonstrations.npz'
-    threads: int = 2
-
-
-class ValueParts(nn.Module):
-    """The value network and the belief filter, which are trained and kept together."""
-
-    def __init__(self, value: ValueNetwork, belief: BeliefFilter) -> None:
-        super().__init__()
-        self.value = value
-        self.belief = belief
+    ema: float = 0.998
+    workers: int = 2
+    threads: int = 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -103,200 +141,280 @@ def run(arguments: argparse.Namespace) -> int:
     settings = read_settings(ValueTraining, arguments)
     torch.set_num_threads(settings.threads)
     torch.manual_seed(settings.seed)
-    config = preset(settings.preset)
-    network, belief_filter = ValueNetwork(config.value), BeliefFilter()
-    boundary = config.value.unseen == 'boundary'
-    train = train_from_exploration if boundary else train_from_demonstrations
-    scores = train(network, belief_filter, settings)
-    write_value(Path(settings.out), config, network, belief_filter, settings, scores)
+    config = preset('default')
+    both = ValueParts(ValueNetwork(config.value), BeliefFilter())
+    losses = train(both, settings)
+    training = {'value': {**asdict(settings), 'losses': losses}}
+    save_weights(Path(settings.out), config, both.state_dict(), training)
     print(f'Value function written to {settings.out}.')  # noqa: T201
     return 0
 
 
-def write_value(
-    folder: Path,
-    config: Config,
-    network: ValueNetwork,
-    belief_filter: BeliefFilter,
-    settings: ValueTraining,
-    scores: dict[str, float],
-) -> None:
-    """Write the trained value function and belief filter."""
-    tensors = ValueParts(network, belief_filter).state_dict()
-    save_weights(folder, config, tensors, {'value': {**asdict(settings), 'losses': scores}})
+def train(both: ValueParts, settings: ValueTraining) -> dict[str, float]:
+    """Train in place; returns the last losses.
 
-
-def train_from_exploration(
-    network: ValueNetwork, belief_filter: BeliefFilter, settings: ValueTraining
-) -> dict[str, float]:
-    """Train the default preset in place; returns the last losses."""
+    A run that was stopped goes on from the last round that it finished.
+    """
     folder = Path(settings.out)
     folder.mkdir(parents=True, exist_ok=True)
+    network = both.value
     worth_parameters = [
         *network.trunk.parameters(),
         *network.unseen_worth.parameters(),
         *network.unseen_level.parameters(),
     ]
     optimizer = torch.optim.AdamW(worth_parameters, lr=settings.learning_rate, weight_decay=1e-2)
-    both = ValueParts(network, belief_filter)
     ema = Ema(both, settings.ema)
     done = load_checkpoint(folder, both, ema, optimizer, asdict(settings))
     losses: dict[str, float] = {}
-    if done == 0:
-        losses = train_dynamics(network, belief_filter, settings.dynamics_steps, settings.seed)
-        ema = Ema(both, settings.ema)
-    log = TrainingLog(folder, ['step', 'loss', 'mean_cost', 'learning_rate'])
-    explorer = ValueNetwork(network.config)
-    for round_index in range(done // settings.steps, settings.rounds):
-        explorer.load_state_dict(
-            {
-                name.removeprefix('value.'): value
-                for name, value in ema.average.items()
-                if name.startswith('value.')
-            }
-        )
-        samples = _explore_groups(explorer, settings, round_index)
-        mean_cost = float(np.concatenate([group.costs for group in samples]).mean())
-        first = max(done, round_index * settings.steps)
-        rng = np.random.default_rng([settings.seed, 2, round_index, first])
-        progress = tqdm(
-            range(first, (round_index + 1) * settings.steps),
-            desc=f'worth, round {round_index + 1} of {settings.rounds}',
-            unit='step',
-        )
-        for step in progress:
-            rate = learning_rate(step, settings.rounds * settings.steps, settings.learning_rate)
-            for group in optimizer.param_groups:
-                group['lr'] = rate
-            loss = worth_loss(network, samples[rng.integers(len(samples))], settings.batch, rng)
-            optimizer.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
-            torch.nn.utils.clip_grad_norm_(worth_parameters, GRADIENT_NORM)
-            optimizer.step()
-            ema.update(both)
-            if step % 50 == 0:
-                log.write(step, loss=float(loss.detach()), mean_cost=mean_cost, learning_rate=rate)
-            if (step + 1) % CHECKPOINT_EVERY == 0:
-                save_checkpoint(folder, step + 1, both, ema, optimizer, asdict(settings))
-            losses['worth'] = float(loss.detach())
-        losses['mean_cost'] = mean_cost
-    log.close()
+    with ProcessPoolExecutor(settings.workers, get_context('spawn')) as pool:
+        explorations = [
+            Exploration(pool, folder, settings, number) for number in range(settings.rounds)
+        ]
+        for number in range(done // settings.steps, settings.rounds):
+            for one in explorations[max(0, number - ROUNDS_KEPT + 1) : number + AHEAD]:
+                one.begin()
+            if number == 0:
+                losses = train_dynamics(
+                    network, both.belief, settings.dynamics_steps, settings.seed
+                )
+                ema = Ema(both, settings.ema)
+            kept = explorations[max(0, number - ROUNDS_KEPT + 1) : number + 1]
+            samples = [
+                ExplorationSteps.joined(of_world)
+                for of_world in zip(*(one.samples() for one in kept), strict=True)
+            ]
+            losses |= _train_round(both, ema, optimizer, samples, settings, number)
+            save_checkpoint(
+                folder, (number + 1) * settings.steps, both, ema, optimizer, asdict(settings)
+            )
+            save_file(ema.average, folder / _WEIGHTS_OF_ROUND.format(number))
     ema.copy_to(both)
     return losses
 
 
-def _explore_groups(
-    explorer: ValueNetwork, settings: ValueTraining, round_index: int
-) -> list[ExplorationSteps]:
-    """Explore the mazes of a round with the averaged network, one group for each kind of maze."""
-    share = max(1, settings.mazes // len(EXPLORATION_GROUPS))
-    samples = []
-    with tqdm(
-        total=share * len(EXPLORATION_GROUPS),
-        desc=f'exploring, round {round_index + 1} of {settings.rounds}',
-        unit='maze',
-    ) as progress:
-        for number, (size, view_range) in enumerate(EXPLORATION_GROUPS):
-            for begin in range(0, share, EXPLORED_AT_ONCE):
-                rng = np.random.default_rng([settings.seed, 3, round_index, number, begin])
-                count = min(EXPLORED_AT_ONCE, share - begin)
-                mazes = [training_maze(size, rng) for _ in range(count)]
-                samples.append(explore(mazes, explorer, view_range, rng))
-                progress.update(count)
-    return samples
+_WEIGHTS_OF_ROUND = 'round_{}.safetensors'
+_SAMPLES_OF_ROUND = 'round_{}_world_{}.npz'
 
 
-def worth_loss(
-    network: ValueNetwork, samples: ExplorationSteps, batch: int, rng: np.random.Generator
-) -> Tensor:
-    """Return the Huber loss of the worth of where the explorer was heading to.
+class Exploration:
+    """The exploration of one round, in other processes, kept in files for runs that go on.
 
-    The maps are turned and mirrored at random.
+    Args:
+        pool: Its processes explore.
+        folder: Of the training run.
+        settings: Of the training run.
+        number: Of the round.
     """
-    chosen = rng.integers(len(samples.codes), size=batch)
-    codes, targets = _turned(samples.codes[chosen], samples.targets[chosen], rng)
-    worth = network.worth_of_unseen(torch.from_numpy(unpack(codes)))
-    rows, cols = torch.from_numpy(targets).T
-    predicted = worth[torch.arange(batch), rows, cols] / WORTH_SCALE
-    actual = -torch.from_numpy(samples.costs[chosen]) / WORTH_SCALE
-    weights = torch.from_numpy(samples.weights[chosen])
-    errors = functional.huber_loss(predicted, actual, reduction='none', delta=0.5)
-    return (weights * errors).sum() / weights.sum().clamp_min(1e-6)
+
+    def __init__(
+        self, pool: ProcessPoolExecutor, folder: Path, settings: ValueTraining, number: int
+    ) -> None:
+        self._pool, self._folder = pool, folder
+        self._settings, self._number = settings, number
+        self._parts: list[list[Future[ExplorationSteps]]] = []
+        self._samples: list[ExplorationSteps] = []
+
+    def _files(self) -> list[Path]:
+        return [
+            self._folder / _SAMPLES_OF_ROUND.format(self._number, world)
+            for world in range(len(WORLDS))
+        ]
+
+    def begin(self) -> None:
+        """Begin to explore, unless that was done."""
+        if self._parts or self._samples or all(file.exists() for file in self._files()):
+            return
+        settings = self._settings
+        weights = None
+        if self._number >= AHEAD:
+            weights = str(self._folder / _WEIGHTS_OF_ROUND.format(self._number - AHEAD))
+        for index, world in enumerate(WORLDS):
+            count = max(1, round(settings.mazes * world.share * world.fraction))
+            at_once = max(1, int(EXPLORED_AT_ONCE * world.fraction))
+            self._parts.append(
+                [
+                    self._pool.submit(
+                        explore_part,
+                        world,
+                        min(at_once, count - first),
+                        [settings.seed, 3, self._number, index, first],
+                        settings.branches,
+                        weights,
+                    )
+                    for first in range(0, count, at_once)
+                ]
+            )
+
+    def samples(self) -> list[ExplorationSteps]:
+        """Return what was explored, for each kind of world; waits until all is there."""
+        if not self._samples and not self._parts:
+            self._samples = [_load_steps(file) for file in self._files()]
+        if not self._samples:
+            total = sum(len(parts) for parts in self._parts)
+            with tqdm(total=total, desc=f'exploring for round {self._number + 1}') as progress:
+                for file, parts in zip(self._files(), self._parts, strict=True):
+                    found = []
+                    for part in parts:
+                        found.append(part.result())
+                        progress.update()
+                    self._samples.append(ExplorationSteps.joined(found))
+                    _save_steps(file, self._samples[-1])
+        return self._samples
 
 
-def _turned(
-    codes: NDArray[np.uint8], cells: NDArray[np.int64], rng: np.random.Generator
-) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-    """Turn and mirror square maps (N, H, H) together with cells (N, 2), all alike."""
-    last = codes.shape[1] - 1
-    swap, flip_rows, flip_cols = rng.random(3) < TURNED_SHARE
-    if swap:
-        codes, cells = codes.transpose(0, 2, 1), cells[:, ::-1]
-    if flip_rows:
-        codes, cells = codes[:, ::-1], cells * [-1, 1] + [last, 0]
-    if flip_cols:
-        codes, cells = codes[:, :, ::-1], cells * [1, -1] + [0, last]
-    return np.ascontiguousarray(codes), np.ascontiguousarray(cells)
+def explore_part(
+    world: TrainingWorld, count: int, seed: Sequence[int], branches: int, weights: str | None
+) -> ExplorationSteps:
+    """Explore some worlds of a kind, stepping on the weights of a file or to what is nearest."""
+    torch.set_num_threads(1)
+    network = None
+    if weights is not None:
+        prefix = 'value.'
+        network = ValueNetwork(preset('default').value)
+        tensors = load_file(weights)
+        network.load_state_dict(
+            {
+                name.removeprefix(prefix): tensor
+                for name, tensor in tensors.items()
+                if name.startswith(prefix)
+            }
+        )
+    rng = np.random.default_rng(seed)
+    worlds = make_mazes(count, world.size, int(rng.integers(2**40, 2**62)), kind=world.kind)
+    return explore(worlds, network, world.view_range, branches, rng)
 
 
-def train_from_demonstrations(
-    network: ValueNetwork, belief_filter: BeliefFilter, settings: ValueTraining
+def _save_steps(file: Path, steps: ExplorationSteps) -> None:
+    partial = file.with_suffix('.part.npz')
+    np.savez_compressed(
+        partial, **{item.name: getattr(steps, item.name) for item in fields(steps)}
+    )
+    partial.replace(file)
+
+
+def _load_steps(file: Path) -> ExplorationSteps:
+    with np.load(file) as arrays:
+        return ExplorationSteps(*(arrays[item.name] for item in fields(ExplorationSteps)))
+
+
+def _train_round(
+    both: ValueParts,
+    ema: Ema,
+    optimizer: torch.optim.Optimizer,
+    samples: Sequence[ExplorationSteps],
+    settings: ValueTraining,
+    number: int,
 ) -> dict[str, float]:
-    """Train the paper's preset in place; returns the last losses.
-
-    The loss is the cross-entropy of the expert's action under Â_logit and under Q(b, a), as the
-    appendix says; the expert's own moves train the motion models.
-    """
-    demonstrations = load_demonstrations(Path(settings.data))
-    folder = Path(settings.out)
-    folder.mkdir(parents=True, exist_ok=True)
-    both = ValueParts(network, belief_filter)
-    optimizer = torch.optim.RAdam(both.parameters(), lr=settings.learning_rate)
-    ema = Ema(both, settings.ema)
-    done = load_checkpoint(folder, both, ema, optimizer, asdict(settings))
-    log = TrainingLog(folder, ['step', 'mask', 'action', 'motion', 'filter_motion'])
+    """Train on the explorations of a round; returns the last losses."""
+    batches = [WorldBatches(of_world) for of_world in samples]
+    rng = np.random.default_rng([settings.seed, 2, number])
+    shares = [world.share for world in WORLDS]
+    parameters = [item for group in optimizer.param_groups for item in group['params']]
+    steps = range(number * settings.steps, (number + 1) * settings.steps)
+    # The rate falls in the second half of what it is told about.
+    decay = DECAY_ROUNDS * settings.steps
+    constant = settings.rounds * settings.steps - 2 * decay
     losses: dict[str, float] = {}
-    for step in tqdm(range(done, settings.steps), desc='value', unit='step'):
-        rng = np.random.default_rng([settings.seed, 4, step])
-        batch = demonstrations.sample(settings.batch, rng)
-        terms = demonstration_losses(both, batch.maps, batch.cells, batch.actions[:, 0])
+    log = TrainingLog(
+        Path(settings.out), ['step', 'level', 'differences', 'regret', 'learning_rate']
+    )
+    for step in tqdm(steps, desc=f'worth, round {number + 1}', unit='step'):
+        rate = learning_rate(step - constant, 2 * decay, settings.learning_rate)
+        for group in optimizer.param_groups:
+            group['lr'] = rate
+        index = int(rng.choice(len(WORLDS), p=shares))
+        size = max(1, round(settings.batch * WORLDS[index].fraction))
+        terms = worth_losses(both.value, batches[index].draw(size, rng))
         optimizer.zero_grad()
-        torch.stack(list(terms.values())).sum().backward()  # type: ignore[no-untyped-call]
+        (terms['level'] + terms['differences']).backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(parameters, GRADIENT_NORM)
         optimizer.step()
         ema.update(both)
         losses = {name: float(term.detach()) for name, term in terms.items()}
         if step % 50 == 0:
-            log.write(step, **losses)
-        if (step + 1) % CHECKPOINT_EVERY == 0:
-            save_checkpoint(folder, step + 1, both, ema, optimizer, asdict(settings))
+            log.write(step, **losses, learning_rate=rate)
     log.close()
-    ema.copy_to(both)
     return losses
 
 
-def demonstration_losses(
-    both: ValueParts,
-    maps: NDArray[np.float32],
-    cells: NDArray[np.int64],
-    actions: NDArray[np.int64],
-) -> dict[str, Tensor]:
-    """Return the losses of the paper's value function on demonstrations.
+class WorldBatches:
+    """Draws batches of the explorations of one kind of world, turned and mirrored at random."""
+
+    def __init__(self, samples: ExplorationSteps) -> None:
+        compared = np.isfinite(samples.distances).sum(axis=1) > 1
+        self._samples = samples
+        self._kinds = [np.flatnonzero(compared), np.flatnonzero(~compared)]
+
+    def draw(self, size: int, rng: np.random.Generator) -> ExplorationSteps:
+        """Draw a batch, with the given share of steps where choices were compared."""
+        first = round(size * COMPARED_SHARE)
+        rows = np.concatenate(
+            [
+                rng.choice(kind, count)
+                for kind, count in zip(self._kinds, (first, size - first), strict=True)
+                if len(kind)
+            ]
+        )
+        return turned(self._samples.take(rows), rng)
+
+
+def turned(samples: ExplorationSteps, rng: np.random.Generator) -> ExplorationSteps:
+    """Turn and mirror maps (N, H, W) together with the targets on them, all alike."""
+    codes, targets = samples.codes, samples.targets
+    swap, flip_rows, flip_cols = rng.random(3) < TURNED_SHARE
+    if swap:
+        codes, targets = codes.transpose(0, 2, 1), targets[..., ::-1]
+    height, width = codes.shape[1:]
+    if flip_rows:
+        codes, targets = codes[:, ::-1], targets * [-1, 1] + [height - 1, 0]
+    if flip_cols:
+        codes, targets = codes[:, :, ::-1], targets * [1, -1] + [0, width - 1]
+    return ExplorationSteps(
+        np.ascontiguousarray(codes),
+        np.ascontiguousarray(targets),
+        samples.distances,
+        samples.successes,
+        samples.weights,
+    )
+
+
+def worth_losses(network: ValueNetwork, samples: ExplorationSteps) -> dict[str, Tensor]:
+    """Return the losses of what the unseen is worth, τ log E[γ^cost] with τ = `PATIENCE`.
+
+    'level' is the Poisson deviance of the successes, whose minimum is at their mean.
+    'differences' is the cross-entropy of the successes that each of several choices would have
+    brought, seen from where the explorer stood: it tells the better ones from the others. 'regret'
+    is no loss to train on: the share of the success that the network's choices miss.
 
     Args:
-        both: The value network and the belief filter.
-        maps: (N, 3, H, W).
-        cells: (N, 2).
-        actions: The expert's actions, (N,).
+        network: The value network.
+        samples: A batch.
     """
-    network, belief_filter = both.value, both.belief
-    map_tensor, expert = torch.from_numpy(maps), torch.from_numpy(actions)
-    rows, cols = torch.from_numpy(cells).T
-    here = torch.arange(len(maps)), slice(None), rows, cols
-    logits, _ = network.action_logits(map_tensor)
-    values = network(map_tensor)
+    count = len(samples)
+    with torch.autocast('cpu', dtype=torch.bfloat16):
+        worth, level = network.worth_and_level(torch.from_numpy(unpack(samples.codes)))
+    targets, distances = torch.from_numpy(samples.targets), torch.from_numpy(samples.distances)
+    worth_there = worth.float()[torch.arange(count)[:, None], targets[..., 0], targets[..., 1]]
+    successes = torch.from_numpy(samples.successes)
+    tried = distances.isfinite()
+    several = tried.sum(dim=1) > 1
+    weights = torch.from_numpy(samples.weights)
+
+    logarithms = (worth_there + level.float()[:, None]) / PATIENCE
+    deviances = torch.where(tried, logarithms.exp() - successes * logarithms, 0.0)
+    level_loss = deviances.sum(dim=1) / tried.sum(dim=1)
+
+    looks = torch.where(tried, worth_there - distances, -torch.inf)
+    from_here = torch.where(tried, successes * torch.exp(-distances / PATIENCE), 0.0)
+    chances = torch.where(tried, torch.log_softmax(looks / PATIENCE, dim=1), 0.0)
+    differences = -(from_here * chances).sum(dim=1)
+    chosen = from_here.gather(1, looks.argmax(dim=1, keepdim=True))[:, 0]
+    missed = (
+        1 - (weights * chosen)[several].sum() / (weights * from_here.amax(dim=1))[several].sum()
+    )
     return {
-        'mask': functional.cross_entropy(logits[here], expert),
-        'action': functional.cross_entropy(values.q_values[here], expert),
-        'motion': motion_loss(network.motion),
-        'filter_motion': motion_loss(belief_filter.motion),
+        'level': (weights * level_loss).sum() / weights.sum(),
+        'differences': (weights * differences)[several].sum() / weights.sum(),
+        'regret': missed,
     }

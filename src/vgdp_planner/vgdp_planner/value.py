@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from gridnav import FREE, GOAL, NUM_ACTIONS, NUM_MOVES, OBSTACLE, STEP_LENGTHS
+from vgdp_planner.best_ways import UNREACHED, best_way_values
 from vgdp_planner.map_encoder import MapTrunk, with_inside
 
 if TYPE_CHECKING:
@@ -25,14 +26,15 @@ if TYPE_CHECKING:
 
     from vgdp_planner.config import ValueConfig
 
-UNREACHED = -1e5
-"""Value of a cell from which nothing worth reaching has been reached yet; below any real value."""
-
 WORTH_SCALE = 50.0
 """Cells that an output of 1 of the unseen-worth network stands for."""
 
 CHECK_EVERY = 8
 """Rounds of value iteration between two looks at the residual, which would cost more than they."""
+
+
+LEAST_MASK = 0.5
+"""A step less valid than this is no way: trying it until it succeeds would cost too much."""
 
 
 @dataclass(frozen=True)
@@ -144,12 +146,17 @@ class ValueNetwork(nn.Module):
         logits, threshold = self.action_logits(partial_maps)
         return torch.sigmoid(logits - threshold)
 
+    def worth_and_level(self, partial_maps: Tensor) -> tuple[Tensor, Tensor]:
+        """Return what tells the unseen cells apart (B, H, W), and what they share (B,)."""
+        features = self.trunk(with_inside(partial_maps))
+        worth = WORTH_SCALE * self.unseen_worth(features)[:, 0]
+        level = WORTH_SCALE * self.unseen_level(features.mean(dim=(-2, -1)))[:, 0]
+        return worth, level
+
     def worth_of_unseen(self, partial_maps: Tensor) -> Tensor:
         """Return the learned worth of being able to look at each cell, (B, H, W)."""
-        features = self.trunk(with_inside(partial_maps))
-        level = self.unseen_level(features.mean(dim=(-2, -1)))[:, :, None]
-        worth: Tensor = WORTH_SCALE * (self.unseen_worth(features)[:, 0] + level)
-        return worth
+        worth, level = self.worth_and_level(partial_maps)
+        return worth + level[:, None, None]
 
     def forward(self, partial_maps: Tensor, extra_worth: Tensor | None = None) -> Values:
         """Run value iteration.
@@ -199,12 +206,25 @@ class ValueNetwork(nn.Module):
         offsets = values.new_zeros(len(values))
         return Values(values, q_values, reached, steps, rewards, rounds, residual, offsets)
 
+    def _best_way_values(self, boundary_values: Tensor, free: Tensor, costs: Tensor) -> Tensor:
+        best = self.motion.logits.flatten(1).argmax(dim=-1)
+        steps = torch.stack([best // 3 - 1, best % 3 - 1], dim=1)
+        found = best_way_values(
+            *(tensor.detach().cpu().numpy() for tensor in (boundary_values, free, costs, steps))
+        )
+        return torch.from_numpy(found).to(boundary_values.device)
+
     def _iterate_to_boundary(self, partial_maps: Tensor, worth: Tensor) -> Values:
         """Value iteration over the observed free cells, up to the goal and to what is unseen.
 
         The goal and the unseen cells keep their values: 0 for the goal, the learned worth for
         what is unseen. A goal in reach beats anything unseen, so once it was seen the unseen is
         worth less than any way to it.
+
+        With γ = 1 and steps that lead to one cell each, the fixed point is the value of the best
+        way: Q = Â (r + V') + (1 − Â) (r_f + V) is at rest where V = V' − cost / Â. The search
+        for the shortest ways finds it at once, value iteration starts there, and the residual
+        says whether that is the end of it. A way of n steps otherwise takes n rounds.
         """
         obstacle, free, goal = (partial_maps[:, channel] > 0 for channel in (OBSTACLE, FREE, GOAL))
         unseen = ~(obstacle | free | goal)
@@ -232,14 +252,18 @@ class ValueNetwork(nn.Module):
             return rewards + gamma * (mask * ahead + (1 - mask) * values[:, None])
 
         values = boundary_values
+        if gamma == 1 and self.config.transition == 'most_likely':
+            costs = torch.where(mask > LEAST_MASK, -rewards / mask, torch.inf)
+            values = self._best_way_values(boundary_values, free & ~fixed, costs)
         rounds, residual = 0, float('inf')
         while rounds < self._rounds(partial_maps) and residual > self.config.tolerance:
-            for _ in range(CHECK_EVERY):
+            # The first look comes at once: the start may be the end already.
+            for _ in range(CHECK_EVERY if rounds else 1):
                 before = values
                 moves = back_up(values)
                 values = torch.where(fixed, boundary_values, moves.amax(dim=1))
                 values = values.clamp_min(UNREACHED)
-            rounds += CHECK_EVERY
+                rounds += 1
             residual = float((values - before).abs().max())
         reached = ~obstacle & (values > UNREACHED / 2)
         lowest = torch.where(reached, values, 0.0).flatten(1).amin(dim=1)[:, None, None]

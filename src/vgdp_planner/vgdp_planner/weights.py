@@ -85,3 +85,26 @@ def load_weights(folder: str | Path | None = None) -> tuple[Config, dict[str, Te
         msg = f'{path} is damaged: {error}.'
         raise WeightsError(msg) from error
     return config, tensors
+
+
+def load_part(folder: str | Path | None, part: str) -> tuple[Config, dict[str, Tensor]]:
+    """Read the weights of one part of a planner, under the names that its module gives them.
+
+    Args:
+        folder: As for `load_weights`. It may hold that part alone.
+        part: 'policy', 'value' or 'belief'.
+
+    Raises:
+        WeightsError: If the folder does not hold that part, with one sentence that says why.
+    """
+    config, tensors = load_weights(folder)
+    prefix = f'{part}.'
+    found = {
+        name.removeprefix(prefix): tensor
+        for name, tensor in tensors.items()
+        if name.startswith(prefix)
+    }
+    if not found:
+        msg = f'The weights in {Path(folder or SHIPPED)} have no part named {part!r}.'
+        raise WeightsError(msg)
+    return config, found

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import fields
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import torch
 
 from vgdp_experiments.options import whole_number
-from vgdp_planner import ValueGuidedPlanner
+from vgdp_planner import PlannerConfig, ValueGuidedPlanner
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+TRUTHS = {'true': True, 'false': False}
 
 
 def add_planner_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,17 +27,51 @@ def add_planner_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--threads', type=whole_number(1), help="CPU threads of the networks (PyTorch's choice)"
     )
+    parser.add_argument(
+        '--set',
+        dest='settings',
+        nargs='+',
+        type=_setting,
+        default=[],
+        metavar='NAME=VALUE',
+        help='settings of the planner instead of those of the weights, such as candidates=8',
+    )
 
 
-def load_planner(args: argparse.Namespace) -> ValueGuidedPlanner:
+def load_planner(
+    args: argparse.Namespace, settings: Mapping[str, Any] | None = None
+) -> ValueGuidedPlanner:
     """Load the planner that the options ask for.
 
+    Args:
+        args: What `add_planner_arguments` added.
+        settings: Of the planner; they come before those of the options and of the weights.
+
     Raises:
-        WeightsError: If the folder does not hold a planner, with one sentence that says why.
+        ValueError: If the folder does not hold a planner or a setting is out of range, with one
+            sentence that says why.
     """
     if args.threads is not None:
         torch.set_num_threads(args.threads)
-    return ValueGuidedPlanner.from_pretrained(args.weights, args.device)
+    settings = dict(args.settings) | dict(settings or {})
+    return ValueGuidedPlanner.from_pretrained(args.weights, args.device, settings)
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    """Read NAME=VALUE; the field of `PlannerConfig` says of which type the value is."""
+    name, _, value = text.partition('=')
+    kinds: dict[str, type[Any]] = {
+        field.name: type(field.default) for field in fields(PlannerConfig)
+    }
+    if name not in kinds:
+        msg = f'the planner has no setting {name!r}; there are {", ".join(kinds)}'
+        raise argparse.ArgumentTypeError(msg)
+    try:
+        return name, TRUTHS[value] if kinds[name] is bool else kinds[name](value)
+    except (KeyError, ValueError) as error:
+        wanted = 'true or false' if kinds[name] is bool else f'of the type {kinds[name].__name__}'
+        msg = f'{name} must be {wanted}, got {value!r}'
+        raise argparse.ArgumentTypeError(msg) from error
 
 
 def _device(name: str) -> str:

@@ -25,11 +25,18 @@ def encode(actions: Tensor) -> Tensor:
     return CODEWORDS.to(actions.device)[actions].transpose(-1, -2)
 
 
+def closeness(bits: Tensor) -> Tensor:
+    """Return how close analog bits (..., NUM_BITS, T) are to each codeword, (..., T, A).
+
+    That is their scalar product: `NUM_BITS` for the codeword itself.
+    """
+    return bits.transpose(-1, -2) @ CODEWORDS.to(bits).T
+
+
 def decode(bits: Tensor) -> Tensor:
     """Turn analog bits (..., NUM_BITS, T) into the actions (..., T) with the nearest codeword.
 
     Where thresholding each bit gives a code that belongs to an action, that is the action; the
     codes that belong to none (9 to 15) go to the nearest that does.
     """
-    closeness = bits.transpose(-1, -2) @ CODEWORDS.to(bits).T
-    return closeness.argmax(dim=-1)
+    return closeness(bits).argmax(dim=-1)

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 MIN_TIME_EMBEDDING = 4
 
@@ -112,16 +115,26 @@ class PlannerConfig:
     """Plan selection and receding-horizon control.
 
     Attributes:
-        candidates: Plans L that are sampled for one decision.
+        candidates: Plans L that are sampled for one decision; none leaves greedy steps alone.
         sampling_steps: Denoising steps of a sample.
         sampler: 'ddim' is deterministic given its first noise, 'ddpm' draws noise at each step.
+        guidance: How far each denoising step follows the gradient of a plan's value, in bits
+            for each cell that the plan's return would rise; 0 leaves the samples as they are.
         execute: Steps T_a that are committed before planning again.
+        look_first: Whether the commitment ends where something new may come into view, so that
+            it is looked at before the next step is decided.
+        selection: 'value' takes the candidate with the highest score (equation 9); 'vote' the one
+            whose committed steps most candidates share, without looking at values.
         score: 'mean_q' is equation 9 of the paper, the mean of the action values along the plan;
             'mean_return' adds to each the reward earned before it, so that plans are compared
             from where the robot is.
+        agreement: Weight, in cells, of the logarithm of the share of samples that begin with the
+            same committed steps, added to the score.
         memory: Whether the rest of the last best plan competes (algorithm 1).
-        greedy_fallback: Whether a plan that walks greedily on the values replaces the best
-            candidate when that makes no progress in value.
+        greedy_fallback: Whether a plan that walks greedily on the values takes over when no
+            candidate is nearly as good at first, or the best makes no progress in value.
+        tolerated_loss: Cells by which the committed steps may bring less than greedy ones, for
+            the greedy plan not to take over.
         collision_tolerance: A step is committed when no more than this share of the belief would
             run into a known obstacle by it.
     """
@@ -129,16 +142,35 @@ class PlannerConfig:
     candidates: int = 24
     sampling_steps: int = 4
     sampler: Literal['ddim', 'ddpm'] = 'ddim'
+    guidance: float = 0.0
     execute: int = 2
+    look_first: bool = True
+    selection: Literal['value', 'vote'] = 'value'
     score: Literal['mean_q', 'mean_return'] = 'mean_return'
+    agreement: float = 0.0
     memory: bool = True
     greedy_fallback: bool = True
+    tolerated_loss: float = 0.05
     collision_tolerance: float = 0.1
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        _require(self.candidates >= 1, f'candidates must be at least 1, got {self.candidates}.')
+        _require(self.candidates >= 0, f'candidates must be at least 0, got {self.candidates}.')
+        _require(
+            self.candidates > 0 or self.greedy_fallback,
+            'Without candidates the greedy plan is all there is: greedy_fallback must be set.',
+        )
         _require(self.execute >= 1, f'execute must be at least 1, got {self.execute}.')
+        for name, choices in (
+            ('sampler', ('ddim', 'ddpm')),
+            ('selection', ('value', 'vote')),
+            ('score', ('mean_q', 'mean_return')),
+        ):
+            value = getattr(self, name)
+            _require(value in choices, f'{name} must be one of {choices}, got {value!r}.')
+        for name in ('guidance', 'agreement', 'tolerated_loss'):
+            value = getattr(self, name)
+            _require(value >= 0, f'{name} must not be negative, got {value}.')
         _require(
             0 <= self.collision_tolerance < 1,
             f'collision_tolerance must be in [0, 1), got {self.collision_tolerance}.',
@@ -169,6 +201,15 @@ class Config:
     def to_dict(self) -> dict[str, Any]:
         """Return the configuration as plain values, ready for JSON."""
         return asdict(self)
+
+    def with_planner(self, settings: Mapping[str, Any]) -> Config:
+        """Return the same with other settings of the planner.
+
+        Raises:
+            ValueError: If a setting is unknown or out of range.
+        """
+        values = self.to_dict()
+        return self.from_dict({**values, 'planner': {**values['planner'], **settings}})
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Config:
@@ -216,7 +257,11 @@ PRESETS: dict[str, Config] = {
             tolerance=0.0,
         ),
         planner=PlannerConfig(
-            sampling_steps=32, sampler='ddpm', score='mean_q', greedy_fallback=False
+            sampling_steps=32,
+            sampler='ddpm',
+            look_first=False,
+            score='mean_q',
+            greedy_fallback=False,
         ),
     ),
 }

@@ -140,7 +140,11 @@ class BeliefMapEncoder(nn.Module):
     def forward(self, partial_maps: Tensor, beliefs: Tensor) -> Tensor:
         """Encode partial maps (B, 3, H, W) and beliefs (B, H, W) as (B, embedding)."""
         maps = torch.cat([with_inside(partial_maps), beliefs[:, None]], dim=1)
-        features = self.project(self.trunk(maps))
-        indexed = torch.einsum('bchw,bhw->bc', features, beliefs)
+        features = self.trunk(maps)
+        # Indexing a convolution's output is indexing its inputs, moved by each of the kernel's
+        # offsets: no need to convolve where the robot can't be.
+        moved = functional.unfold(beliefs[:, None], 3, padding=1).flip(1)
+        inputs = torch.einsum('bcs,bks->bck', features.flatten(2), moved).flatten(1)
+        indexed = functional.linear(inputs, self.project.weight.flatten(1), self.project.bias)
         embedding: Tensor = self.fully_connected(indexed)
         return embedding

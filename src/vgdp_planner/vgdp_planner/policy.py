@@ -14,7 +14,12 @@ from vgdp_planner.map_encoder import BeliefMapEncoder, PooledMapEncoder
 from vgdp_planner.unet import ConditionalUNet
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from vgdp_planner.config import PolicyConfig
+
+PLANS_AT_ONCE = 480
+"""Plans that a CPU denoises at once: few enough that their features stay in its cache."""
 
 
 class DiffusionPolicy(nn.Module):
@@ -64,6 +69,7 @@ class DiffusionPolicy(nn.Module):
         noise: Tensor,
         sampling_steps: int,
         sampler: Literal['ddim', 'ddpm'] = 'ddim',
+        guide: Callable[[Tensor], Tensor] | None = None,
     ) -> Tensor:
         """Sample L plans for each map.
 
@@ -74,18 +80,33 @@ class DiffusionPolicy(nn.Module):
                 and `sampling_steps` for 'ddpm', which draws again at each step.
             sampling_steps: Denoising steps.
             sampler: 'ddim' or 'ddpm'.
+            guide: Turns the predicted clean plans (B · L, NUM_BITS, T_h) of each step into
+                better ones.
 
         Returns:
             Actions, int64 (B, L, T_h).
         """
         batch, count = noise.shape[:2]
-        embedding = self.encoder(partial_maps, beliefs).repeat_interleave(count, dim=0)
+        embedding = self.encoder(partial_maps, beliefs)
         draws = noise.flatten(0, 1)
         plan = draws[:, 0]
         steps = self.process.sampling_steps(sampling_steps)
         for index, (step, previous) in enumerate(zip(steps, [*steps[1:], -1], strict=True)):
-            at = torch.full((len(plan),), step, device=plan.device)
-            clean = self.process.predict_clean(self.unet(plan, at, embedding), plan, step)
+            clean = self.process.predict_clean(self._denoise(plan, step, embedding), plan, step)
+            if guide is not None:
+                clean = guide(clean)
             fresh = draws[:, index + 1] if sampler == 'ddpm' and previous >= 0 else None
             plan = self.process.step_back(clean, plan, step, previous, fresh)
         return decode(plan).reshape(batch, count, -1)
+
+    def _denoise(self, plans: Tensor, step: int, embedding: Tensor) -> Tensor:
+        """Run the U-Net on plans (B · L, NUM_BITS, T_h) of one step, given embeddings (B, E)."""
+        count = len(plans) // len(embedding)
+        together = max(PLANS_AT_ONCE // count, 1) if plans.device.type == 'cpu' else len(plans)
+        parts = []
+        for first in range(0, len(embedding), together):
+            of_maps = embedding[first : first + together]
+            steps = torch.full((len(of_maps),), step, device=plans.device)
+            of_plans = plans[first * count : (first + together) * count]
+            parts.append(self.unet(of_plans, steps, of_maps))
+        return torch.cat(parts)

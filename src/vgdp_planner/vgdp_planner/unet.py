@@ -57,8 +57,12 @@ class ConditionalResidualBlock(nn.Module):
         self.residual = nn.Identity() if inputs == outputs else nn.Conv1d(inputs, outputs, 1)
 
     def forward(self, plan: Tensor, condition: Tensor) -> Tensor:
-        """Map plans (B, inputs, T), given conditions (B, condition), to (B, outputs, T)."""
-        scale, shift = self.film(condition)[..., None].chunk(2, dim=1)
+        """Map plans (N, inputs, T), given conditions (B, condition), to (N, outputs, T).
+
+        Each condition holds for N / B plans in a row.
+        """
+        film = self.film(condition).repeat_interleave(len(plan) // len(condition), dim=0)
+        scale, shift = film[..., None].chunk(2, dim=1)
         hidden = self.second(self.first(plan) * (1 + scale) + shift)
         result: Tensor = hidden + self.residual(plan)
         return result
@@ -120,10 +124,15 @@ class ConditionalUNet(nn.Module):
         )
 
     def forward(self, plan: Tensor, step: Tensor, embedding: Tensor) -> Tensor:
-        """Map noisy plans (B, bits, T), diffusion steps (B,) and map embeddings (B, E).
+        """Denoise plans.
+
+        Args:
+            plan: Noisy plans, (N, bits, T): N / B in a row for each map.
+            step: Diffusion steps, (B,).
+            embedding: Map embeddings, (B, E).
 
         Returns:
-            The prediction, (B, bits, T).
+            The prediction, (N, bits, T).
         """
         condition = torch.cat([self.step_embedding(step), embedding], dim=-1)
 

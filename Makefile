@@ -42,9 +42,10 @@ bench: $(READY) ## Measure the simulator and the planner.
 	@$(BIN)/vgdp bench sim
 	@$(BIN)/vgdp bench planner
 
-tables: $(READY) ## Write the tables in the README and the parameter file anew from the code.
+tables: $(READY) ## Write the tables, the result pages and the parameter file anew from the code.
 	@$(BIN)/python scripts/write_readme.py
 	@$(BIN)/python scripts/write_config.py
+	@$(BIN)/python scripts/write_results.py
 
 clean: ## Remove what the other targets made, the virtual environment too.
 	rm -rf .venv out ros2_ws/build ros2_ws/install ros2_ws/log .mypy_cache .pytest_cache .ruff_cache .hypothesis

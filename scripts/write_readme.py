@@ -60,7 +60,8 @@ def parameters() -> str:
 
 def results() -> str:
     """Return the results of the shipped weights, from the reports in docs/results."""
-    return '\n\n'.join(markdown(Report.load(path)) for path in sorted(RESULTS.glob('*.json')))
+    paths = sorted(RESULTS.glob('gridmaze_*.json'))
+    return '\n\n'.join(markdown(Report.load(path)) for path in paths)
 
 
 def render(text: str) -> str:

@@ -20,11 +20,15 @@ ROSDEP_KEYS = {
     'numpy': 'python3-numpy',
     'scipy': 'python3-scipy',
     'tqdm': 'python3-tqdm',
+    'yaml': 'python3-yaml',
 }
 """What package.xml calls a module; ROS packages and ours go by their own names."""
 
 PYPI_ONLY = {'gymnasium', 'rich', 'rosbags', 'safetensors', 'tensorboard', 'torch'}
 """Modules for which rosdep has no key; a comment in package.xml names them."""
+
+PYPI_NAMES = {'PIL': 'pillow', 'yaml': 'pyyaml'}
+"""What PyPI calls a module where it is not the module's name."""
 
 USED_BY_NAME = {
     # Started as programs, by the demo and the launch file.
@@ -159,7 +163,7 @@ def test_every_pypi_module_is_installed_by_make_setup() -> None:
         for path in sources(package)
         for name in imports(path)
     } - {*sys.stdlib_module_names, *PACKAGES, *ROS_MODULES}
-    assert {'pillow' if name == 'PIL' else name for name in modules} <= required
+    assert {PYPI_NAMES.get(name, name) for name in modules} <= required
 
 
 def knows_ros(path: Path) -> bool:

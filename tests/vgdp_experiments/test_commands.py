@@ -107,17 +107,6 @@ def test_wrong_options_are_named(
     assert reason in capsys.readouterr().err
 
 
-def test_bench_planner_prints_a_row_for_each_side(
-    weights: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Median and 95th percentile of a decision, by the size of the map."""
-    options = ['--sides', '15', '21', '--decisions', '2', '--weights', weights]
-    assert vgdp('bench', 'planner', *options) == 0
-    output = capsys.readouterr().out
-    assert '15 x 15' in output
-    assert '21 x 21' in output
-
-
 def test_bench_sim_hands_its_options_on(capsys: pytest.CaptureFixture[str]) -> None:
     """The simulator's own program gets the rest of the command line."""
     assert vgdp('bench', 'sim', '--seconds', '0.01', '--num-envs', '3') == 0

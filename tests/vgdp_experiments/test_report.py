@@ -12,13 +12,8 @@ import pytest
 from rich.console import Console
 
 from gridnav import EpisodeResult, Outcome
-from vgdp_experiments.report import (
-    EvalConfig,
-    MethodResults,
-    Report,
-    ReportError,
-    Trial,
-)
+from vgdp_experiments.report import EvalConfig, Report, ReportError
+from vgdp_experiments.scores import MethodResults, Trial
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -73,6 +68,15 @@ def test_scores_of_a_hand_made_report(report: Report) -> None:
     assert vgdp.ms_per_decision == pytest.approx(5.0)
     assert vgdp.spl_ratio == pytest.approx(0.575 / 0.5)
     assert scores['frontier'].spl_ratio == 1.0
+
+
+def test_world_of_a_report_survives_the_file(tmp_path: Path) -> None:
+    """Both sides of a world and its kind come back as they were."""
+    config = EvalConfig(size=(20, 30), kind='rooms', slip=0.1, episodes=1, trials=1)
+    report = Report(config, {'vgdp': MethodResults({}, [Trial(0, [success(25.0)], 1, 1.0)])})
+    report.save(tmp_path / 'report.json')
+    assert Report.load(tmp_path / 'report.json') == report
+    assert config.describe() == 'rooms of 20×30, view range 2, budget 500, slip 0.1'
 
 
 def test_scores_that_need_more_are_missing(report: Report) -> None:

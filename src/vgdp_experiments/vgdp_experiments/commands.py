@@ -22,12 +22,29 @@ GROUPS: dict[str, tuple[str, dict[str, tuple[str, str]]]] = {
         {
             'policy': ('vgdp_experiments.train_policy', 'the diffusion policy'),
             'value': ('vgdp_experiments.train_value', 'the value function'),
+            'value-paper': (
+                'vgdp_experiments.train_value_paper',
+                "the paper's value function",
+            ),
+            'calvin': ('vgdp_experiments.train_calvin', 'CALVIN, to compare the planner with'),
             'join': ('vgdp_experiments.join', 'join both into the weights of a planner'),
         },
     ),
     'eval': (
         'evaluate methods',
-        {'gridmaze': ('vgdp_experiments.evaluate', 'on mazes, all methods on the same')},
+        {
+            'gridmaze': ('vgdp_experiments.evaluate', 'on mazes, all methods on the same'),
+            'table': ('vgdp_experiments.suites.table', "the mazes of the paper's table"),
+            'ablation': ('vgdp_experiments.suites.ablation', 'what each part of the planner adds'),
+            'worlds': ('vgdp_experiments.suites.worlds', 'rooms, caves and other worlds'),
+            'curves': ('vgdp_experiments.suites.curves', 'quality against sampling'),
+            'belief': ('vgdp_experiments.suites.belief', 'slipping steps and noisy poses'),
+            'localisation': (
+                'vgdp_experiments.suites.localisation',
+                'how fast the belief filter finds the robot',
+            ),
+            'merge': ('vgdp_experiments.merge', 'join the parts of one of these into a page'),
+        },
     ),
     'bench': (
         'measure speed',

@@ -19,14 +19,18 @@ import torch
 from tqdm import tqdm
 
 from gridnav import DONE
-from maze_sim import MazeSimulation
+from maze_sim import MazeSimulation, sample_maze
 from maze_sim.expert import Expert
 from vgdp_experiments.map_codes import pack, unpack
-from vgdp_experiments.options import add_settings, read_settings
+from vgdp_experiments.preset_settings import (
+    add_preset_settings,
+    read_preset_settings,
+    require_positive,
+)
 from vgdp_experiments.rollouts import GreedyExplorer
 from vgdp_experiments.worlds import training_maze
 from vgdp_planner.value import ValueNetwork
-from vgdp_planner.weights import load_weights
+from vgdp_planner.weights import load_part
 
 if TYPE_CHECKING:
     import argparse
@@ -38,6 +42,9 @@ if TYPE_CHECKING:
 
 AT_ONCE = 128
 """Mazes that one worker walks side by side."""
+
+PAPER_STEPS = (16, 50)
+"""Least and most actions of an episode of the paper's data, Done included (appendix)."""
 
 
 @dataclass(frozen=True)
@@ -71,14 +78,31 @@ class Demonstrations:
     actions: NDArray[np.uint8]
     settings: dict[str, Any] = field(default_factory=dict)
 
-    def sample(self, count: int, rng: np.random.Generator) -> Batch:
-        """Draw demonstrations."""
-        chosen = rng.integers(len(self.codes), size=count)
+    def draw(self, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
+        """Draw which demonstrations to train on, (count,)."""
+        return rng.integers(len(self.codes), size=count)
+
+    def take(self, chosen: NDArray[np.int64]) -> Batch:
+        """Return some demonstrations, unpacked."""
         return Batch(
             unpack(self.codes[chosen]),
             self.cells[chosen].astype(np.int64),
             self.actions[chosen].astype(np.int64),
         )
+
+    def require_horizon(self, horizon: int) -> None:
+        """Refuse to train plans that are longer than those demonstrated.
+
+        Raises:
+            ValueError: If they are, with one sentence that says what to do.
+        """
+        kept = self.actions.shape[1]
+        if kept < horizon:
+            msg = (
+                f'The demonstrations hold plans of {kept} steps and the policy needs {horizon}; '
+                f'make them with `vgdp data expert --horizon {horizon}`.'
+            )
+            raise ValueError(msg)
 
 
 @dataclass(frozen=True)
@@ -86,6 +110,9 @@ class DataSettings:
     """Settings of the generation.
 
     Attributes:
+        preset: Which preset they are for: 'default' has mazes with loops among them, 'paper'
+            Wilson mazes alone, where the expert needs 16 to 50 actions; it decides what the
+            other settings are by default.
         out: File to write.
         mazes: How many mazes.
         size: Their side in cells.
@@ -96,6 +123,7 @@ class DataSettings:
         workers: Processes; 0 for one per CPU.
     """
 
+    preset: str = 'default'
     out: str = 'runs/demonstrations.npz'
     mazes: int = 20000
     size: int = 15
@@ -105,15 +133,28 @@ class DataSettings:
     explorer: str = ''
     workers: int = 0
 
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        require_positive(self, ('mazes', 'horizon'))
+
+
+SETTINGS = {
+    'default': DataSettings(),
+    'paper': DataSettings(
+        preset='paper', out='runs/demonstrations-paper.npz', view_range=2, horizon=4
+    ),
+}
+"""What is demonstrated for each preset unless the options say otherwise."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the settings as options."""
-    add_settings(parser, DataSettings)
+    add_preset_settings(parser, SETTINGS)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Generate demonstrations and write them; returns the exit code."""
-    settings = read_settings(DataSettings, arguments)
+    settings = read_preset_settings(arguments, SETTINGS)
     groups = [
         (settings, number, min(AT_ONCE, settings.mazes - begin))
         for number, begin in enumerate(range(0, settings.mazes, AT_ONCE))
@@ -166,21 +207,25 @@ def _walk_group(task: tuple[DataSettings, int, int]) -> Demonstrations:
     settings, number, count = task
     torch.set_num_threads(1)
     rng = np.random.default_rng([settings.seed, 5, number])
-    mazes = [training_maze(settings.size, rng) for _ in range(count)]
+    draw = paper_maze if settings.preset == 'paper' else training_maze
+    mazes = [draw(settings.size, rng) for _ in range(count)]
     view_range = settings.view_range or int(rng.integers(1, 4))
     parts = [walk_expert(mazes, view_range, settings.horizon)]
     if settings.explorer:
-        config, tensors = load_weights(settings.explorer)
+        config, tensors = load_part(settings.explorer, 'value')
         network = ValueNetwork(config.value)
-        network.load_state_dict(
-            {
-                name.removeprefix('value.'): tensor
-                for name, tensor in tensors.items()
-                if name.startswith('value.')
-            }
-        )
-        parts.append(walk_explorer(mazes, network, view_range, settings.horizon, rng))
+        network.load_state_dict(tensors)
+        parts.append(walk_explorer(mazes, network, view_range, settings.horizon))
     return _join(parts)
+
+
+def paper_maze(size: int, rng: np.random.Generator) -> Maze:
+    """Draw a Wilson maze whose expert episode is as long as the paper's data have them."""
+    least, most = PAPER_STEPS
+    while True:
+        maze = sample_maze(size, rng, least - 1)
+        if maze.expert_steps < most:
+            return maze
 
 
 def _join(parts: Sequence[Demonstrations]) -> Demonstrations:
@@ -215,14 +260,13 @@ def walk_explorer(
     network: ValueNetwork,
     view_range: int,
     horizon: int,
-    rng: np.random.Generator,
 ) -> Demonstrations:
     """Demonstrate greedy exploration: what it did next, and what the expert would have done."""
     experts = [Expert(maze.blocked) for maze in mazes]
     costs = [expert.cost_to_go(maze.goal) for maze, expert in zip(mazes, experts, strict=True)]
     height, width = mazes[0].blocked.shape
     simulation = MazeSimulation(mazes, view_range, max_steps=20 * height * width)
-    explorer = GreedyExplorer(network, (len(mazes), height, width), rng)
+    explorer = GreedyExplorer(network, (len(mazes), height, width))
     noted = _Notes(horizon)
     taken: list[list[int]] = [[] for _ in mazes]
     states: list[tuple[int, int, Any, Any]] = []

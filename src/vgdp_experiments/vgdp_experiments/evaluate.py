@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections import deque
@@ -14,31 +15,27 @@ from rich.console import Console
 from tqdm import tqdm
 
 from gridnav import DONE
-from maze_sim import Maze, MazeSimulation, make_mazes
+from maze_sim import WORLD_KINDS, MazeSimulation
 from maze_sim.mazes import MIN_SIZE
-from vgdp_experiments.methods.clairvoyant import Clairvoyant
-from vgdp_experiments.methods.frontier import NearestFrontier
-from vgdp_experiments.methods.vgdp import ValueGuidedDiffusion
+from vgdp_experiments.methods.calvin import add_calvin_arguments
+from vgdp_experiments.methods.registry import METHODS, PLANNERS, REFERENCES
 from vgdp_experiments.options import refuse, whole_number
-from vgdp_experiments.planner_options import add_planner_arguments, load_planner
-from vgdp_experiments.report import EvalConfig, MethodResults, Report, Trial
+from vgdp_experiments.planner_options import add_planner_arguments
+from vgdp_experiments.report import EvalConfig, Report
+from vgdp_experiments.scores import MethodResults, Trial
+from vgdp_experiments.tracking import BeliefTracker
 
 if TYPE_CHECKING:
-    import argparse
     from collections.abc import Callable, Sequence
 
+    from maze_sim import Maze
     from vgdp_experiments.methods import Method
+    from vgdp_planner.belief import BeliefFilter
 
-PLANNERS: dict[str, Callable[[argparse.Namespace], Method]] = {
-    'vgdp': lambda args: ValueGuidedDiffusion(load_planner(args)),
-    'frontier': lambda _args: NearestFrontier(),
-}
-"""Methods that see partial maps alone, made from the options."""
+SIDES = 2
+"""Of a map."""
 
-REFERENCES: dict[str, Callable[[Sequence[Maze]], Method]] = {'clairvoyant': Clairvoyant}
-"""Methods that know everything, made from the mazes of a trial."""
-
-METHODS = (*PLANNERS, *REFERENCES)
+DEFAULT_METHODS = ('vgdp', 'frontier', 'clairvoyant')
 
 
 def evaluate(
@@ -48,6 +45,10 @@ def evaluate(
     budget: int,
     seed: int,
     *,
+    slip: float = 0.0,
+    pose_noise: float = 0.0,
+    belief_filter: BeliefFilter | None = None,
+    first: int = 0,
     batch: int = 100,
     on_finished: Callable[[int], object] = lambda _count: None,
 ) -> Trial:
@@ -61,15 +62,29 @@ def evaluate(
         mazes: One for each episode, all of one shape.
         view_range: Cells that a view reaches to each side.
         budget: Actions after which an episode ends.
-        seed: For the method.
+        seed: For the method, the slips and the noise.
+        slip: Probability of a step to slip.
+        pose_noise: Standard deviation of the reported cells from the true ones in cells.
+        belief_filter: Keeps the beliefs that the method gets instead of the reported cells.
+        first: Number of the first maze in its trial.
         batch: Episodes run at once.
         on_finished: Is told how many episodes have ended since the last time.
     """
     trial = Trial(seed)
-    for first in range(0, len(mazes), batch):
-        simulation = MazeSimulation(mazes[first : first + batch], view_range, budget)
-        method.reset(range(first, first + len(simulation.mazes)), seed)
-        _run(method, simulation, trial, on_finished)
+    for start in range(0, len(mazes), batch):
+        chosen = mazes[start : start + batch]
+        numbers = range(first + start, first + start + len(chosen))
+        simulation = MazeSimulation(
+            chosen,
+            view_range,
+            budget,
+            slip=slip,
+            pose_noise=pose_noise,
+            seeds=[[seed, number] for number in numbers],
+        )
+        tracker = BeliefTracker(belief_filter, slip, pose_noise) if belief_filter else None
+        method.reset(numbers, seed)
+        _run(method, simulation, tracker, trial, on_finished)
         trial.results.extend(simulation.results())
     return trial
 
@@ -77,16 +92,20 @@ def evaluate(
 def _run(
     method: Method,
     simulation: MazeSimulation,
+    tracker: BeliefTracker | None,
     trial: Trial,
     on_finished: Callable[[int], object],
 ) -> None:
     """Run all episodes of a simulation to their ends."""
     committed: list[deque[int]] = [deque() for _ in simulation.mazes]
+    if tracker is not None:
+        tracker.begin(simulation.partial_maps, simulation.reported_cells)
     while running := int(simulation.active.sum()):
         asking = simulation.active & np.array([not actions for actions in committed])
         if asking.any():
+            where = simulation.reported_cells if tracker is None else tracker.beliefs
             begin = time.perf_counter()
-            answers = method.act(simulation.partial_maps, simulation.cells, asking)
+            answers = method.act(simulation.partial_maps, where, asking)
             trial.seconds += time.perf_counter() - begin
             trial.decisions += int(asking.sum())
             rows = np.flatnonzero(asking)
@@ -94,9 +113,13 @@ def _run(
                 committed[row].extend(answers[row])
             simulation.give_up(rows[[not answers[row] for row in rows.tolist()]])
         # Rows that are not active are ignored.
-        simulation.step(
-            np.array([actions.popleft() if actions else DONE for actions in committed])
-        )
+        actions = np.array([actions.popleft() if actions else DONE for actions in committed])
+        if tracker is None:
+            simulation.step(actions)
+        else:
+            maps_before = simulation.partial_maps.copy()
+            simulation.step(actions)
+            tracker.follow(actions, maps_before, simulation.reported_cells, simulation.windows())
         on_finished(running - int(simulation.active.sum()))
 
 
@@ -105,9 +128,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     positive = whole_number(1)
     parser.add_argument(
         '--size',
-        type=whole_number(MIN_SIZE),
+        type=_size,
         default=EvalConfig.size,
-        help='side of the mazes in cells (%(default)s)',
+        metavar='SIDE|ROWSxCOLS',
+        help='side of the mazes in cells, or both of them (%(default)s)',
+    )
+    parser.add_argument(
+        '--kind', choices=WORLD_KINDS, default=EvalConfig.kind, help='of mazes (%(default)s)'
+    )
+    parser.add_argument(
+        '--map',
+        default=EvalConfig.map,
+        metavar='FILE',
+        help='YAML file of a map of the map server to draw starts and goals in',
+    )
+    parser.add_argument(
+        '--slip',
+        type=float,
+        default=EvalConfig.slip,
+        help='share of the steps that lead elsewhere (%(default)s)',
+    )
+    parser.add_argument(
+        '--pose-noise',
+        type=float,
+        default=EvalConfig.pose_noise,
+        help='standard deviation of the reported cells (%(default)s)',
     )
     parser.add_argument(
         '--view-range',
@@ -140,8 +185,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--method',
         nargs='+',
         choices=METHODS,
-        default=METHODS,
-        help='what to evaluate, on the same mazes (all)',
+        default=DEFAULT_METHODS,
+        help=f'what to evaluate, on the same mazes ({" ".join(DEFAULT_METHODS)})',
     )
     parser.add_argument(
         '--batch',
@@ -151,6 +196,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--json', type=Path, metavar='FILE', help='write all results to FILE')
     add_planner_arguments(parser)
+    add_calvin_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -158,10 +204,11 @@ def run(args: argparse.Namespace) -> int:
     config = EvalConfig(**{item.name: getattr(args, item.name) for item in fields(EvalConfig)})
     names = list(dict.fromkeys(args.method))
     try:
+        _check_references(names, config)
         if args.json is not None:
             _prepare(args.json)
         mazes = [
-            make_mazes(config.episodes, config.size, config.seed + trial)
+            config.mazes(range(config.episodes), config.seed + trial)
             for trial in range(config.trials)
         ]
         planners = {name: PLANNERS[name](args) for name in names if name in PLANNERS}
@@ -199,12 +246,35 @@ def _run_trials(
                 config.view_range,
                 config.budget,
                 config.seed + index,
+                slip=config.slip,
+                pose_noise=config.pose_noise,
                 batch=config.batch,
                 on_finished=progress.update,
             )
             for index, (method, of_trial) in enumerate(zip(methods, mazes, strict=True))
         ]
     return MethodResults(methods[0].settings, trials)
+
+
+def _size(text: str) -> int | tuple[int, int]:
+    """Read SIDE or ROWSxCOLS."""
+    sides = [whole_number(MIN_SIZE)(number) for number in text.split('x')]
+    if len(sides) > SIDES:
+        msg = f'{text!r} is no size like 15 or 20x30'
+        raise argparse.ArgumentTypeError(msg)
+    return sides[0] if len(sides) == 1 else (sides[0], sides[1])
+
+
+def _check_references(names: Sequence[str], config: EvalConfig) -> None:
+    """Make sure that methods that know everything can act on it.
+
+    Raises:
+        ValueError: If they would not know where they are.
+    """
+    for name in names:
+        if name in REFERENCES and (config.slip or config.pose_noise):
+            msg = f'{name} needs exact steps and poses; leave it out with --method.'
+            raise ValueError(msg)
 
 
 def _prepare(path: Path) -> None:

@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vgdp_experiments.report import Report, markdown
+from vgdp_experiments.train_value import WORLDS
+from vgdp_planner.config import Config, preset
 from vgdp_planner.weights import load_weights, read_record, save_weights
 
 if TYPE_CHECKING:
@@ -14,10 +16,11 @@ if TYPE_CHECKING:
 CARD = """\
 # Weights of the `{preset}` preset
 
-A diffusion policy, a value function and a belief filter for grids of any size; trained on mazes
-of 12 to 20 cells a side with view ranges 1 to 3, a part of them with loops. Made for
+A diffusion policy, a value function and a belief filter for grids of any size. Made for
 `vgdp_planner.ValueGuidedPlanner.from_pretrained()`. They see the partial map and the belief,
-nothing else. They have not been trained on open rooms or outdoors.
+nothing else.
+
+{trained_on} They have not been trained on maps of real places.
 
 `model.safetensors` holds the tensors, `config.json` the configuration and the training settings.
 
@@ -45,13 +48,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the joined weights and their model card; returns the exit code."""
-    config, tensors = load_weights(arguments.value)
-    _, policy_tensors = load_weights(arguments.policy)
+    """Write the joined weights and their model card; returns the exit code.
+
+    Raises:
+        ValueError: If the parts are of two presets, with one sentence that says so.
+    """
+    value_config, value_tensors = load_weights(arguments.value)
+    policy_config, policy_tensors = load_weights(arguments.policy)
     training = read_record(arguments.value)['training'] | read_record(arguments.policy)['training']
-    save_weights(arguments.out, config, tensors | policy_tensors, training)
+    name = training['policy']['preset']
+    if value_config.value.unseen != preset(name).value.unseen:
+        msg = (
+            f'{arguments.policy} holds a policy of the preset {name!r} and {arguments.value} a '
+            'value function of another.'
+        )
+        raise ValueError(msg)
+    config = Config(policy_config.policy, value_config.value, preset(name).planner)
+    save_weights(arguments.out, config, value_tensors | policy_tensors, training)
     card = CARD.format(
-        preset=training['value']['preset'],
+        preset=name,
+        trained_on=trained_on(name, training['policy']['demonstrations']),
         commands='\n'.join(commands(training, arguments)),
         losses=', '.join(
             f'{name} {value:.4g}'
@@ -65,6 +81,22 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def trained_on(name: str, demonstrations: dict[str, Any]) -> str:
+    """Return the worlds that a preset is trained on, in a sentence or two."""
+    size, view_range = demonstrations.get('size'), demonstrations.get('view_range')
+    seen = f'view range {view_range}' if view_range else 'view ranges 1 to 3'
+    if name == 'paper':
+        return f'Trained on Wilson mazes of {size} x {size} with {seen}.'
+    kinds = list(dict.fromkeys(world.kind for world in WORLDS))
+    sizes = [world.size for world in WORLDS]
+    ranges = [world.view_range for world in WORLDS]
+    return (
+        f'The value function was trained on worlds of {min(sizes)} to {max(sizes)} cells a side '
+        f'with view ranges {min(ranges)} to {max(ranges)} ({", ".join(kinds)}), the policy on '
+        f'mazes of {size} x {size} with {seen}, some of them with loops.'
+    )
+
+
 def commands(training: dict[str, Any], arguments: argparse.Namespace) -> list[str]:
     """Return the commands that trained the weights, with all their settings."""
 
@@ -76,8 +108,9 @@ def commands(training: dict[str, Any], arguments: argparse.Namespace) -> list[st
         )
         return f'vgdp {words} {options}'
 
+    words = 'train value-paper' if training['policy']['preset'] == 'paper' else 'train value'
     return [
-        command('train value', training['value']),
+        command(words, training['value']),
         command('data expert', training['policy']['demonstrations']),
         command('train policy', training['policy']),
         (

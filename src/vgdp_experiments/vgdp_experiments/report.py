@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
-import statistics
 from dataclasses import asdict, dataclass, field
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
@@ -13,6 +11,9 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 
 from gridnav import EpisodeResult, Outcome, Summary, summarize
+from vgdp_experiments.files import write_whole
+from vgdp_experiments.scores import REFERENCE, MethodResults, Scores, Trial, score_methods
+from vgdp_experiments.settings import Setting
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,9 +21,6 @@ if TYPE_CHECKING:
 
 SCHEMA_VERSION = 1
 """Rises with any change after which older readers would misread a report."""
-
-REFERENCE = 'frontier'
-"""The method that the others' SPL is compared with."""
 
 EPISODE_FIELDS = ('outcome', 'steps', 'path_cost', 'expert_steps', 'expert_cost')
 
@@ -34,78 +32,20 @@ class ReportError(ValueError):
 
 
 @dataclass(frozen=True)
-class EvalConfig:
+class EvalConfig(Setting):
     """What was evaluated.
 
     Attributes:
-        size: Side of the mazes in cells.
-        view_range: Cells that a view reaches to each side.
-        budget: Actions after which an episode ends.
         episodes: Mazes in a trial.
-        trials: Number of trials; trial k has the mazes `make_mazes(episodes, size, seed + k)`.
+        trials: Number of trials; trial k has the mazes `Setting.mazes(range(episodes), seed + k)`.
         seed: Of the first trial.
         batch: Episodes run at once.
     """
 
-    size: int = 15
-    view_range: int = 2
-    budget: int = 500
     episodes: int = 500
     trials: int = 5
     seed: int = 0
     batch: int = 100
-
-
-@dataclass
-class Trial:
-    """One method on the mazes of one trial.
-
-    Attributes:
-        seed: Of the mazes and of the method.
-        results: Of each episode.
-        decisions: How often the method was asked what a robot does next.
-        seconds: Time it took to answer, all decisions together.
-    """
-
-    seed: int
-    results: list[EpisodeResult] = field(default_factory=list)
-    decisions: int = 0
-    seconds: float = 0.0
-
-
-@dataclass(frozen=True)
-class Scores:
-    """What all trials of a method say together.
-
-    Attributes:
-        summary: Of the episodes of all trials.
-        success_sd: Standard deviation of the trials' success rates; None for a single trial.
-        ms_per_decision: Time for one decision in milliseconds, of many made at once.
-        spl_ratio: SPL by path cost over that of the reference on the same mazes; None where the
-            reference was not evaluated or never succeeded.
-    """
-
-    summary: Summary
-    success_sd: float | None
-    ms_per_decision: float
-    spl_ratio: float | None
-
-
-@dataclass(frozen=True)
-class MethodResults:
-    """One method on the mazes of all trials.
-
-    Attributes:
-        settings: What shaped its decisions.
-        trials: One for each seed.
-    """
-
-    settings: dict[str, Any]
-    trials: list[Trial]
-
-    def summary(self) -> Summary:
-        """Sum up the episodes of all trials."""
-        return summarize([result for trial in self.trials for result in trial.results])
 
 
 def current_versions() -> dict[str, str]:
@@ -137,21 +77,11 @@ class Report:
 
     def scores(self) -> dict[str, Scores]:
         """Score every method."""
-        summaries = {name: results.summary() for name, results in self.methods.items()}
-        reference = summaries[REFERENCE].spl if REFERENCE in summaries else 0.0
-        return {
-            name: _score(results.trials, summaries[name], reference)
-            for name, results in self.methods.items()
-        }
+        return score_methods(self.methods)
 
     def save(self, path: Path) -> None:
         """Write the report as JSON. The file is there as a whole or, if that fails, not at all."""
-        part = path.with_name(f'.{path.name}.{os.getpid()}.part')
-        try:
-            part.write_text(json.dumps(self.to_dict()) + '\n', encoding='utf-8')
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
+        write_whole(path, json.dumps(self.to_dict()) + '\n')
 
     @classmethod
     def load(cls, path: Path) -> Report:
@@ -173,7 +103,7 @@ class Report:
             'schema_version': SCHEMA_VERSION,
             'command': self.command,
             'versions': self.versions,
-            'config': asdict(self.config),
+            'config': self.config.to_dict(),
             'episode_fields': list(EPISODE_FIELDS),
             'methods': {
                 name: {
@@ -198,7 +128,7 @@ class Report:
             raise ReportError(msg)
         try:
             return cls(
-                config=EvalConfig(**values['config']),
+                config=EvalConfig.from_dict(values['config']),
                 methods={
                     name: MethodResults(
                         settings=results['settings'],
@@ -216,12 +146,7 @@ class Report:
     def table(self) -> Table:
         """Return a table with a column for each method."""
         config = self.config
-        table = Table(
-            title=(
-                f'{config.trials} x {config.episodes} mazes of {config.size} x {config.size}\n'
-                f'view range {config.view_range}, budget {config.budget}'
-            )
-        )
+        table = Table(title=(f'{config.trials} x {config.episodes} mazes of {config.describe()}'))
         scores = self.scores()
         table.add_column('')
         for name in scores:
@@ -235,8 +160,8 @@ def markdown(report: Report) -> str:
     """Return what was evaluated, by which command, and a table with a row for each method."""
     config = report.config
     what = (
-        f'{config.size}×{config.size}, view range {config.view_range}, budget {config.budget}, '
-        f'{config.trials} × {config.episodes} mazes (`{" ".join(report.command)}`):'
+        f'{config.describe()}, {config.trials} × {config.episodes} mazes '
+        f'(`{" ".join(report.command)}`):'
     )
     columns = (
         'method',
@@ -261,17 +186,6 @@ def markdown(report: Report) -> str:
         )
         lines.append(f'| {" | ".join(cells)} |')
     return '\n'.join(lines)
-
-
-def _score(trials: Sequence[Trial], summary: Summary, reference_spl: float) -> Scores:
-    rates = [summarize(trial.results).success for trial in trials]
-    decisions = sum(trial.decisions for trial in trials)
-    return Scores(
-        summary=summary,
-        success_sd=statistics.stdev(rates) if len(rates) > 1 else None,
-        ms_per_decision=1e3 * sum(trial.seconds for trial in trials) / max(decisions, 1),
-        spl_ratio=summary.spl / reference_spl if reference_spl > 0 else None,
-    )
 
 
 def _trial_to_dict(trial: Trial) -> dict[str, Any]:

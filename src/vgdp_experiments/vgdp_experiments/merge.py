@@ -1,0 +1,86 @@
+"""Joins the parts of an evaluation, from one machine or several, into results and their page."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vgdp_experiments.results import Results, ResultsError, load_parts
+from vgdp_experiments.suites import ablation, belief, curves, localisation, table, worlds
+from vgdp_experiments.sweep import add_selection, selected
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable
+
+    from vgdp_experiments.suite import Page
+
+SUITES = {
+    suite.name: suite
+    for suite in (table.SUITE, ablation.SUITE, worlds.SUITE, curves.SUITE, belief.SUITE)
+}
+"""The evaluations that are made of parts."""
+
+SHOW: dict[str, Callable[[Path], Page]] = {
+    **{name: suite.show for name, suite in SUITES.items()},
+    localisation.NAME: localisation.show,
+}
+"""What makes the page of each kind of results."""
+
+
+def page_of(path: Path) -> Page:
+    """Make the page of a file of results.
+
+    Raises:
+        ResultsError: If the file does not hold any.
+    """
+    try:
+        show = SHOW[json.loads(path.read_text(encoding='utf-8'))['suite']]
+    except (OSError, LookupError, TypeError, ValueError) as error:
+        msg = f'{path} holds no results of an evaluation: {error!r}.'
+        raise ResultsError(msg) from error
+    return show(path)
+
+
+def write_page(path: Path) -> None:
+    """Write the page of a file of results beside it, with its pictures.
+
+    Raises:
+        ResultsError: If the file does not hold any.
+    """
+    page = page_of(path)
+    for name, figure in page.pictures.items():
+        figure.savefig(path.with_name(name))
+    path.with_suffix('.md').write_text(page.text, encoding='utf-8')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``vgdp eval merge``."""
+    parser.add_argument('folders', nargs='+', type=Path, metavar='FOLDER', help='with parts')
+    parser.add_argument(
+        '-o',
+        '--out',
+        type=Path,
+        required=True,
+        metavar='FILE',
+        help='JSON file to write; the page goes beside it',
+    )
+    add_selection(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Join the parts and write results and page; returns the exit status.
+
+    Raises:
+        ValueError: If parts are missing or do not belong together.
+        OSError: If the files can't be written.
+    """
+    parts = load_parts(args.folders)
+    jobs = selected(SUITES[parts[0].job.suite], args)
+    results = Results.join(parts, jobs)
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    results.save(args.out)
+    write_page(args.out)
+    print(f'{len(jobs)} parts joined in {args.out}, with their page.')  # noqa: T201
+    return 0

@@ -1,0 +1,70 @@
+"""Plots of results, all in one look."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import ScalarFormatter
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+
+INK, FAINT = '#2b303b', '#8a93a3'
+COLORS = ('#3b7dd8', '#f08c2e', '#2f9e77', '#8e5bb5')
+SHADE = 0.18
+
+
+def panels(count: int, title: str) -> tuple[Figure, list[Axes]]:
+    """Return a figure with so many panels side by side."""
+    figure = Figure(figsize=(0.6 + 4.4 * count, 3.7), dpi=110, layout='constrained')
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, x=0.01, ha='left', color=INK, size=12, weight='bold')
+    axes = list(figure.subplots(1, count, squeeze=False)[0])
+    for panel in axes:
+        panel.grid(color=FAINT, alpha=SHADE)
+        panel.tick_params(colors=INK, labelsize=9)
+        for side in ('top', 'right'):
+            panel.spines[side].set_visible(False)
+    return figure, axes
+
+
+def label(axes: Axes, x: str, y: str, ticks: Sequence[float] | None = None) -> None:
+    """Name the axes; with ticks, x doubles from tick to tick."""
+    axes.set_xlabel(x, color=INK)
+    axes.set_title(y, loc='left', color=INK, size=11)
+    if ticks is not None:
+        axes.set_xscale('log', base=2)
+        axes.set_xticks(list(ticks))
+        axes.xaxis.set_major_formatter(ScalarFormatter())
+
+
+def curve(
+    axes: Axes,
+    x: Sequence[float],
+    y: Sequence[float],
+    band: tuple[Sequence[float], Sequence[float]] | None = None,
+    *,
+    name: str | None = None,
+    color: int = 0,
+) -> None:
+    """Draw a curve with a band around it."""
+    axes.plot(x, y, 'o-', color=COLORS[color], lw=2, ms=4, label=name)
+    if band is not None:
+        axes.fill_between(x, *band, color=COLORS[color], alpha=SHADE, lw=0)
+
+
+def mark(axes: Axes, *, shipped: float | None, greedy: float | None) -> None:
+    """Draw a line upright at the shipped value of x and one level with what greedy steps reach."""
+    if shipped is not None:
+        axes.axvline(shipped, color=INK, ls=':', lw=1.2, label='shipped')
+    if greedy is not None:
+        axes.axhline(greedy, color=FAINT, ls='--', lw=1.2, label='greedy')
+
+
+def legend(axes: Axes) -> None:
+    """Say what the curves of a panel are."""
+    axes.legend(frameon=False, fontsize=9, labelcolor=INK)

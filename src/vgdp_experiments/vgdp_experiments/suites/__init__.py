@@ -1,0 +1,1 @@
+"""The evaluations whose results are kept, one file each."""

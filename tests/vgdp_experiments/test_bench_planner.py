@@ -51,7 +51,7 @@ def test_growth_is_the_exponent() -> None:
 def test_tables_and_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A row for each side and number of candidates, with targets, and the same as JSON."""
     path = tmp_path / 'new' / 'bench.json'
-    options = '--sides 21 15 --candidates 1 4 --decisions 2 --episodes 3 --threads 1'
+    options = '--sides 21 15 --candidates 1 4 --decisions 2 --episodes 1 --threads 1'
     parser = argparse.ArgumentParser()
     bench_planner.add_arguments(parser)
     assert bench_planner.run(parser.parse_args([*options.split(), '--json', str(path)])) == 0

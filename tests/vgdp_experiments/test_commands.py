@@ -48,7 +48,7 @@ def test_eval_runs_all_methods_on_the_same_mazes(
 ) -> None:
     """Without --method all of them are evaluated; the report and the table come out."""
     path = tmp_path / 'new' / 'report.json'
-    options = '--episodes 3 --trials 2 --seed 4 --budget 40 --batch 2 --view-range 1 --size 16'
+    options = '--episodes 2 --trials 2 --seed 4 --budget 40 --batch 1 --view-range 1 --size 16'
     status = vgdp('eval', 'gridmaze', *options.split(), '--weights', weights, '--json', str(path))
     assert status == 0
     report = Report.load(path)
@@ -67,7 +67,7 @@ def test_eval_runs_all_methods_on_the_same_mazes(
     assert len(set(mazes[0])) > 1
     assert report.scores()['clairvoyant'].summary.success == 1.0
     output = capsys.readouterr().out
-    assert '2 x 3 mazes of 16 x 16' in output
+    assert '2 x 2 mazes of 16×16, view range 1, budget 40' in output
     assert 'clairvoyant' in output
 
 
@@ -84,15 +84,40 @@ def test_eval_runs_only_the_methods_asked_for(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ('options', 'shown'),
+    [
+        ('--size 20x30 --kind rooms', 'rooms of 20×30, view range 2, budget 500'),
+        ('--map office --budget 2000', 'office, view range 2, budget 2000'),
+        ('--slip 0.2 --budget 1000', '15×15, view range 2, budget 1000, slip 0.2'),
+    ],
+)
+def test_eval_in_other_worlds(
+    options: str, shown: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exploration arrives in every kind of world, and where steps slip."""
+    quick = '--episodes 2 --trials 1 --method frontier'
+    assert vgdp('eval', 'gridmaze', *quick.split(), *options.split()) == 0
+    output = capsys.readouterr().out
+    assert shown in ' '.join(output.split())
+    assert '1.000' in output
+
+
+@pytest.mark.parametrize(
     ('options', 'reason'),
     [
         (['--size', '4'], "'4' is not a whole number from 5"),
+        (['--size', '20x4'], "'4' is not a whole number from 5"),
+        (['--size', '20x20x20'], "'20x20x20' is no size like 15 or 20x30"),
+        (['--kind', 'forest'], "invalid choice: 'forest'"),
+        (['--map', 'nowhere.yaml', '--method', 'frontier'], 'nowhere.yaml'),
+        (['--slip', '2', '--method', 'frontier'], 'slip must be 0 to 1, got 2.0'),
+        (['--slip', '0.1', '--method', 'clairvoyant'], 'clairvoyant needs exact steps and poses'),
         (['--episodes', '0'], "'0' is not a whole number from 1"),
         (['--budget', 'many'], "'many' is not a whole number from 1"),
         (['--seed', '-1'], "'-1' is not a whole number from 0"),
         (['--method', 'oracle'], "invalid choice: 'oracle'"),
         (['--device', 'abacus'], "there is no device 'abacus' here"),
-        (['--size', '6', '--method', 'frontier'], 'No maze of size 6'),
+        (['--size', '6', '--method', 'frontier'], 'size 6 x 6 was found'),
         (['--json', '.', '--method', 'frontier'], '. is a folder; --json needs a file.'),
         (['--weights', 'nowhere', '--method', 'vgdp'], 'There are no weights in nowhere'),
     ],

@@ -170,6 +170,7 @@ with training_team('cpu') as team:
 """
 
 
+@pytest.mark.timeout(300)
 def test_two_processes_train_as_one(made: Demonstrations, data: str, tmp_path: Path) -> None:
     """Two processes with half of each batch end with the weights and losses of one process."""
     folders = [tmp_path / name for name in ('first', 'second', 'alone')]

@@ -162,3 +162,42 @@ def test_paper_values_can_be_trained() -> None:
     for name, parameter in network.named_parameters():
         assert parameter.grad is not None, name
         assert parameter.grad.abs().sum() > 0, name
+
+
+def random_maps(count: int, rows: int, cols: int) -> torch.Tensor:
+    """Return partial maps of which a third is unseen, (count, 3, rows, cols)."""
+    codes = np.random.default_rng(rows).choice(3, size=(count, rows, cols), p=[0.3, 0.2, 0.5])
+    maps = np.zeros((count, 3, rows, cols), dtype=np.float32)
+    maps[:, OBSTACLE], maps[:, FREE] = codes == 1, codes == 2
+    return torch.from_numpy(maps)
+
+
+@torch.no_grad()
+def test_turned_and_mirrored_maps_have_the_same_worth(network: ValueNetwork) -> None:
+    """The worth turns and mirrors with the map, also where that is no square."""
+    maps = random_maps(2, 14, 19)
+    worth = network.worth_of_unseen(maps)
+    assert worth.std() > 1
+    for swapped, axes in itertools.product((False, True), ((), (-1,), (-2,), (-2, -1))):
+        turned = (maps.transpose(-1, -2) if swapped else maps).flip(axes)
+        back = network.worth_of_unseen(turned).flip(axes)
+        back = back.transpose(-1, -2) if swapped else back
+        torch.testing.assert_close(back, worth, atol=1e-3, rtol=0)
+
+
+@torch.no_grad()
+def test_value_iteration_starts_where_it_ends(
+    network: ValueNetwork, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The best ways are the fixed point that value iteration from nothing comes to, too."""
+    maps = random_maps(3, 24, 31)
+    at_once = network(maps)
+    assert at_once.rounds == 1
+    monkeypatch.setattr(
+        ValueNetwork, '_best_way_values', lambda _self, boundary, _free, _costs: boundary
+    )
+    in_rounds = network(maps)
+    assert in_rounds.rounds > 1
+    assert in_rounds.residual <= network.config.tolerance
+    torch.testing.assert_close(at_once.values, in_rounds.values, atol=1e-2, rtol=0)
+    assert torch.equal(at_once.reached, in_rounds.reached)

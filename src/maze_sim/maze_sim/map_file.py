@@ -129,18 +129,22 @@ def _read_image(path: Path) -> NDArray[np.float64]:
     """Return the brightness of an image, 0 to 1 and NaN where it is transparent, (H, W)."""
     try:
         with Image.open(path) as image:
-            if image.width * image.height > MAX_CELLS:
-                msg = (
-                    f'The image {path} has {image.width} x {image.height} cells, more than '
-                    f'{MAX_CELLS}.'
-                )
-                raise ValueError(msg)
-            if image.mode.startswith('I'):
-                # Pillow scales grey of more than eight bits to sixteen.
-                return np.asarray(image, dtype=np.float64) / 65535
-            pixels = np.asarray(image.convert('RGBA'))
-    except OSError as error:
-        msg = f'The image {path} can not be read: {error.strerror or "it is no image"}.'
+            size = image.size
+            pixels = _pixels(image) if size[0] * size[1] <= MAX_CELLS else None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or 'it is no image'
+        msg = f'The image {path} can not be read: {reason}.'
         raise ValueError(msg) from error
+    if pixels is None:
+        msg = f'The image {path} has {size[0]} x {size[1]} cells, more than {MAX_CELLS}.'
+        raise ValueError(msg)
+    return pixels
+
+
+def _pixels(image: Image.Image) -> NDArray[np.float64]:
+    if image.mode.startswith('I'):
+        # Pillow scales grey of more than eight bits to sixteen.
+        return np.asarray(image, dtype=np.float64) / 65535
+    pixels = np.asarray(image.convert('RGBA'))
     brightness: NDArray[np.float64] = pixels[..., :3].mean(axis=-1) / 255
     return np.where(pixels[..., 3] < OPAQUE, np.nan, brightness)

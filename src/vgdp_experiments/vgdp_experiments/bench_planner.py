@@ -56,12 +56,14 @@ class Decisions:
     Attributes:
         count: How many.
         seconds: What they took together.
+        processor: Of these, seconds of the processors, those of all threads.
         stages: What each stage of it took, in seconds.
         partial_maps: What was known, (count, 3, H, W).
     """
 
     count: int
     seconds: float
+    processor: float
     stages: dict[Stage, float]
     partial_maps: NDArray[np.float32]
 
@@ -75,6 +77,7 @@ class SideResult:
         decisions: How many were timed, after one that warmed up.
         median_ms: Median of a decision.
         p95_ms: 95th percentile.
+        processor_ms: Median of the processors' time, which other programs disturb little.
         shares: Share of each stage in the whole time.
         rounds: Most rounds of value iteration that a decision took.
         residual: Largest residual that one was left with.
@@ -85,6 +88,7 @@ class SideResult:
     decisions: int
     median_ms: float
     p95_ms: float
+    processor_ms: float
     shares: dict[str, float]
     rounds: int
     residual: float
@@ -189,6 +193,7 @@ def time_side(
         decisions=len(timed),
         median_ms=float(np.median(times)),
         p95_ms=float(np.percentile(times, 95)),
+        processor_ms=1e3 * float(np.median([decision.processor for decision in timed])),
         shares=dict(zip(STAGES, (spent / spent.sum()).tolist(), strict=True)),
         rounds=max(found.rounds for found in values),
         residual=max(found.residual for found in values),
@@ -229,10 +234,10 @@ def lead(planner: ValueGuidedPlanner, simulation: MazeSimulation) -> Iterator[De
         rows = np.flatnonzero(simulation.active & idle)
         if len(rows):
             maps = simulation.partial_maps[rows]
-            begin = time.perf_counter()
+            begin, processor = time.perf_counter(), time.process_time()
             plans = planner.plan_batch(maps, simulation.cells[rows], rows.tolist())
-            seconds = time.perf_counter() - begin
-            yield Decisions(len(rows), seconds, dict(planner.last_timings), maps)
+            seconds, processor = time.perf_counter() - begin, time.process_time() - processor
+            yield Decisions(len(rows), seconds, processor, dict(planner.last_timings), maps)
             for row, plan in zip(rows.tolist(), plans, strict=True):
                 committed[row].extend(plan.committed)
             simulation.give_up(rows[[not plan.committed for plan in plans]])
@@ -287,7 +292,8 @@ def print_results(
     here = machine()
     first = sides[0].side
     times = Table(title=f'One decision with {candidates} candidates, in milliseconds')
-    for heading in ('map', 'decisions', 'median', '95 %', 'target', 'rounds', 'residual'):
+    headings = ('map', 'decisions', 'median', '95 %', 'target', 'CPU', 'rounds', 'residual')
+    for heading in headings:
         times.add_column(heading, justify='right')
     for result in sides:
         times.add_row(
@@ -296,6 +302,7 @@ def print_results(
             f'{result.median_ms:.1f}',
             f'{result.p95_ms:.1f}',
             '' if result.target_ms is None else f'≤ {result.target_ms:.0f}',
+            f'{result.processor_ms:.1f}',
             str(result.rounds),
             f'{result.residual:.1g}',
         )
@@ -323,6 +330,7 @@ def print_results(
     console.print(
         f'Robots half-way through Wilson mazes, {here["threads"]} threads on {here["cores"]} '
         f'cores of {here["processor"]}; the targets are for two cores. The load while this was '
-        f'measured was {here["load"]:.1f}: what else runs counts in.',
+        f'measured was {here["load"]:.1f}: what else runs counts in, least in the time of the '
+        'processors (CPU), which is that of all threads together.',
         soft_wrap=True,
     )

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 TRUTHS = {'true': True, 'false': False}
+KINDS = {bool: 'true or false', int: 'a whole number', float: 'a number'}
 
 
 def add_planner_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,8 +70,7 @@ def _setting(text: str) -> tuple[str, Any]:
     try:
         return name, TRUTHS[value] if kinds[name] is bool else kinds[name](value)
     except (KeyError, ValueError) as error:
-        wanted = 'true or false' if kinds[name] is bool else f'of the type {kinds[name].__name__}'
-        msg = f'{name} must be {wanted}, got {value!r}'
+        msg = f'{name} must be {KINDS[kinds[name]]}, got {value!r}'
         raise argparse.ArgumentTypeError(msg) from error
 
 

@@ -74,7 +74,7 @@ class Setting:
         """Say it in a few words."""
         rows, cols = self.size if isinstance(self.size, tuple) else (self.size, self.size)
         kind = '' if self.kind == 'maze' else f'{self.kind} of '
-        worlds = f'`{self.map}`' if self.map else f'{kind}{rows}×{cols}'
+        worlds = self.map or f'{kind}{rows}×{cols}'
         parts = [worlds, f'view range {self.view_range}', f'budget {self.budget}']
         if self.slip:
             parts.append(f'slip {self.slip:g}')

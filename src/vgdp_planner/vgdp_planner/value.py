@@ -33,6 +33,9 @@ CHECK_EVERY = 8
 """Rounds of value iteration between two looks at the residual, which would cost more than they."""
 
 
+FLIPS: tuple[tuple[int, ...], ...] = ((), (-1,), (-2,), (-2, -1))
+"""Axes to mirror a map along; with rows and columns swapped as well, its eight symmetries."""
+
 LEAST_MASK = 0.5
 """A step less valid than this is no way: trying it until it succeeds would cost too much."""
 
@@ -154,9 +157,23 @@ class ValueNetwork(nn.Module):
         return worth, level
 
     def worth_of_unseen(self, partial_maps: Tensor) -> Tensor:
-        """Return the learned worth of being able to look at each cell, (B, H, W)."""
-        worth, level = self.worth_and_level(partial_maps)
-        return worth + level[:, None, None]
+        """Return the learned worth of being able to look at each cell, (B, H, W).
+
+        The mean of what the network says to the map turned and mirrored in all eight ways: what
+        it is mistaken about differs from one to the other, what it knows does not.
+        """
+        count = len(partial_maps)
+        total = torch.zeros_like(partial_maps[:, 0])
+        for swapped in (False, True):
+            maps = partial_maps.transpose(-1, -2) if swapped else partial_maps
+            # Convolutions are fastest on a CPU with the channels of a cell side by side.
+            turned = torch.cat([maps.flip(axes) for axes in FLIPS])
+            turned = turned.contiguous(memory_format=torch.channels_last)
+            worth, level = self.worth_and_level(turned)
+            for axes, part in zip(FLIPS, (worth + level[:, None, None]).split(count), strict=True):
+                back = part.flip(axes)
+                total = total + (back.transpose(-1, -2) if swapped else back)
+        return total / (2 * len(FLIPS))
 
     def forward(self, partial_maps: Tensor, extra_worth: Tensor | None = None) -> Values:
         """Run value iteration.

@@ -121,8 +121,10 @@ def _distances(
     graph = csr_array(
         (
             STEP_LENGTHS[actions],
-            origins + _offsets(width)[actions],
-            np.concatenate(([0], np.cumsum(steps.reshape(nodes, NUM_MOVES).sum(axis=1)))),
+            (origins + _offsets(width)[actions]).astype(np.int32),
+            np.concatenate(([0], np.cumsum(steps.reshape(nodes, NUM_MOVES).sum(axis=1)))).astype(
+                np.int32
+            ),  # Older SciPy searches with such indices alone.
         ),
         shape=(nodes, nodes),
     )

@@ -27,7 +27,7 @@ def test_round_trip_through_json(name: str) -> None:
         (ValueConfig, {'gamma': 0.0}, '0.0'),
         (ValueConfig, {'rounds': 0}, '0'),
         (ValueConfig, {'tolerance': -1.0}, '-1.0'),
-        (PlannerConfig, {'candidates': 0}, '0'),
+        (PlannerConfig, {'candidates': -1}, '-1'),
         (PlannerConfig, {'execute': 0}, '0'),
         (PlannerConfig, {'collision_tolerance': 1.0}, '1.0'),
     ],

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from gridnav import Outcome
 from vgdp_experiments.files import write_whole
 from vgdp_experiments.jobs import (
     Part,
@@ -48,6 +49,17 @@ class PlaceResults:
     def scores(self) -> dict[str, Scores]:
         """Score every method."""
         return score_methods(self.methods)
+
+    def cut(self, budget: int) -> PlaceResults:
+        """Return what would have come out with a smaller budget.
+
+        Nobody is told the budget, so all goes the same way until it is spent.
+        """
+        methods = {
+            name: replace(of_method, trials=[_cut(trial, budget) for trial in of_method.trials])
+            for name, of_method in self.methods.items()
+        }
+        return PlaceResults(replace(self.setting, budget=budget), methods)
 
     @property
     def trials(self) -> int:
@@ -147,6 +159,20 @@ class Results:
             'versions': self.versions,
             'places': {name: _place_to_dict(place) for name, place in self.places.items()},
         }
+
+
+def _cut(trial: Trial, budget: int) -> Trial:
+    """Let the episodes of a trial that took longer than a budget end there.
+
+    What their ways had cost by then is not known; it counts nowhere, as they have failed.
+    """
+    results = [
+        result
+        if result.steps <= budget
+        else replace(result, outcome=Outcome.TIMEOUT, steps=budget, path_cost=float(budget))
+        for result in trial.results
+    ]
+    return replace(trial, results=results)
 
 
 def load_parts(folders: Sequence[Path]) -> list[Part]:

@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import signal
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -119,7 +120,9 @@ def run(suite: Suite, args: argparse.Namespace) -> int:
     machinery = Machinery(args.weights, args.calvin_weights, args.device, threads, args.batch)
     jobs = [_with_settings(job, dict(args.settings)) for job in selected(suite, args)]
     args.out.mkdir(parents=True, exist_ok=True)
-    missing = [job for job in jobs if not _is_done(job, machinery, args.out)]
+    variants = {job.name: job.variant for job in jobs}
+    weights = {name: weights_of(variant, machinery) for name, variant in variants.items()}
+    missing = [job for job in jobs if not _is_done(job, weights[job.name], args.out)]
     share, shares = args.shard
     mine = [job for job in jobs[share - 1 :: shares] if job in missing]
     with _Display(len(jobs) - len(missing), mine) as display:
@@ -158,6 +161,9 @@ def run_jobs(
         waiting = [pool.submit(_run_and_save, job, machinery, folder) for job in jobs]
         for future in as_completed(waiting):
             display.finish(future.result())
+    except BrokenProcessPool as error:
+        msg = 'A process ended before its job did; the same command goes on where this was.'
+        raise OSError(msg) from error
     except BaseException:
         for process in multiprocessing.active_children():
             process.terminate()
@@ -189,7 +195,7 @@ def _forward(reports: SimpleQueue[tuple[Job, int]], display: _Display) -> None:
         display.advance(*reports.get())
 
 
-def _is_done(job: Job, machinery: Machinery, folder: Path) -> bool:
+def _is_done(job: Job, weights: dict[str, str], folder: Path) -> bool:
     """Tell whether a folder has what comes out of a job.
 
     Raises:
@@ -199,7 +205,6 @@ def _is_done(job: Job, machinery: Machinery, folder: Path) -> bool:
     if not path.is_file():
         return False
     part = Part.load(path)
-    weights = weights_of(job.variant, machinery)
     for what, there, wanted in (
         ('weights', part.weights, weights),
         ('a job', part.job.to_dict(), job.to_dict()),

@@ -30,6 +30,8 @@ class PolicyConfig:
         channels: Channels of the U-Net's scales, first to last.
         kernel: Kernel size of the U-Net's convolutions, in steps.
         groups: Groups of the U-Net's group normalisation.
+        stage_blocks: Residual blocks of each stage of the U-Net.
+        residual_kernel: Kernel size of the U-Net's residual connections.
         time_embedding: Length of the embedding of the diffusion step.
         diffusion_steps: Diffusion steps N of training.
         prediction: What the network predicts, the noise or the clean sample.
@@ -42,6 +44,8 @@ class PolicyConfig:
     channels: tuple[int, ...] = (32, 64)
     kernel: int = 3
     groups: int = 8
+    stage_blocks: int = 2
+    residual_kernel: int = 1
     time_embedding: int = 64
     diffusion_steps: int = 32
     prediction: Literal['epsilon', 'sample'] = 'sample'
@@ -60,7 +64,9 @@ class PolicyConfig:
             f'Each of the U-Net channels {self.channels} must be a multiple of the '
             f'{self.groups} groups.',
         )
-        _require(self.kernel % 2 == 1, f'The kernel size must be odd, got {self.kernel}.')
+        for kernel in (self.kernel, self.residual_kernel):
+            _require(kernel % 2 == 1, f'The kernel size must be odd, got {kernel}.')
+        _require(self.stage_blocks >= 1, 'A stage needs at least one residual block.')
         _require(
             self.time_embedding >= MIN_TIME_EMBEDDING and self.time_embedding % 2 == 0,
             f'The time embedding must be even and at least {MIN_TIME_EMBEDDING}, got '
@@ -245,6 +251,8 @@ PRESETS: dict[str, Config] = {
             embedding=256,
             horizon=4,
             channels=(256, 1024, 2048),
+            stage_blocks=1,
+            residual_kernel=3,
             time_embedding=256,
             prediction='epsilon',
         ),

@@ -37,6 +37,8 @@ class DiffusionPolicy(nn.Module):
             config.time_embedding,
             config.kernel,
             config.groups,
+            config.stage_blocks,
+            config.residual_kernel,
         )
         self.process = DiffusionProcess(config.diffusion_steps, config.prediction)
 

@@ -44,17 +44,32 @@ def conv_block(inputs: int, outputs: int, kernel: int, groups: int) -> nn.Sequen
 
 
 class ConditionalResidualBlock(nn.Module):
-    """Two convolutional blocks, FiLM on the first one's output, and a residual connection."""
+    """Two convolutional blocks, FiLM on the first one's output, and a residual connection.
+
+    The connection is a convolution of its own, the table's "Res1d"; where its kernel is 1 and the
+    channels stay as they are, it hands on what comes in.
+    """
 
     def __init__(
-        self, inputs: int, outputs: int, condition: int, kernel: int, groups: int
+        self,
+        inputs: int,
+        outputs: int,
+        condition: int,
+        kernel: int,
+        groups: int,
+        residual_kernel: int,
     ) -> None:
         super().__init__()
         self.first = conv_block(inputs, outputs, kernel, groups)
         self.second = conv_block(outputs, outputs, kernel, groups)
         # FiLM (Perez et al. 2018): one half of the output scales the channels, one shifts them.
         self.film = nn.Sequential(nn.SiLU(), nn.Linear(condition, 2 * outputs))
-        self.residual = nn.Identity() if inputs == outputs else nn.Conv1d(inputs, outputs, 1)
+        handed_on = inputs == outputs and residual_kernel == 1
+        self.residual = (
+            nn.Identity()
+            if handed_on
+            else nn.Conv1d(inputs, outputs, residual_kernel, padding=residual_kernel // 2)
+        )
 
     def forward(self, plan: Tensor, condition: Tensor) -> Tensor:
         """Map plans (N, inputs, T), given conditions (B, condition), to (N, outputs, T).
@@ -71,10 +86,11 @@ class ConditionalResidualBlock(nn.Module):
 class ConditionalUNet(nn.Module):
     """The U-Net of the plan generator.
 
-    Each stage has two conditional residual blocks. Between stages the plan is halved in length
-    by a convolution of stride 2, which also widens it to the next stage's channels, and doubled
-    again by a transposed convolution; the upward stages see the downward ones' outputs beside
-    their own. There is no resampling in the last stage of either path.
+    Each stage has the same number of conditional residual blocks, and there are two in the
+    middle. Between stages the plan is halved in length by a convolution of stride 2, which also
+    widens it to the next stage's channels, and doubled again by a transposed convolution; the
+    upward stages see the downward ones' outputs beside their own. There is no resampling in the
+    last stage of either path.
 
     Args:
         bits: Channels of the plan.
@@ -83,6 +99,8 @@ class ConditionalUNet(nn.Module):
         time_embedding: Length of the embedding of the diffusion step.
         kernel: Kernel size.
         groups: Groups of the group normalisation.
+        stage_blocks: Residual blocks of a stage.
+        residual_kernel: Kernel size of the residual connections.
     """
 
     def __init__(
@@ -93,14 +111,18 @@ class ConditionalUNet(nn.Module):
         time_embedding: int,
         kernel: int,
         groups: int,
+        stage_blocks: int,
+        residual_kernel: int,
     ) -> None:
         super().__init__()
         self.step_embedding = StepEmbedding(time_embedding)
 
-        def stage(inputs: int, outputs: int) -> nn.ModuleList:
-            sizes = [(inputs, outputs), (outputs, outputs)]
+        def stage(inputs: int, outputs: int, blocks: int = stage_blocks) -> nn.ModuleList:
+            sizes = [(inputs, outputs), *[(outputs, outputs)] * (blocks - 1)]
             return nn.ModuleList(
-                ConditionalResidualBlock(*size, time_embedding + condition, kernel, groups)
+                ConditionalResidualBlock(
+                    *size, time_embedding + condition, kernel, groups, residual_kernel
+                )
                 for size in sizes
             )
 
@@ -112,7 +134,7 @@ class ConditionalUNet(nn.Module):
         self.downsample = nn.ModuleList(
             nn.Conv1d(width, wider, 3, stride=2, padding=1) for width, wider in pairs
         )
-        self.middle = stage(channels[-1], channels[-1])
+        self.middle = stage(channels[-1], channels[-1], blocks=2)
         self.up = nn.ModuleList(stage(2 * wider, width) for width, wider in reversed(pairs))
         self.upsample = nn.ModuleList(
             nn.ConvTranspose1d(width, width, 4, stride=2, padding=1)

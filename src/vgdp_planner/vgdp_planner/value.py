@@ -162,7 +162,6 @@ class ValueNetwork(nn.Module):
         The mean of what the network says to the map turned and mirrored in all eight ways: what
         it is mistaken about differs from one to the other, what it knows does not.
         """
-        count = len(partial_maps)
         total = torch.zeros_like(partial_maps[:, 0])
         for swapped in (False, True):
             maps = partial_maps.transpose(-1, -2) if swapped else partial_maps
@@ -170,9 +169,11 @@ class ValueNetwork(nn.Module):
             turned = torch.cat([maps.flip(axes) for axes in FLIPS])
             turned = turned.contiguous(memory_format=torch.channels_last)
             worth, level = self.worth_and_level(turned)
-            for axes, part in zip(FLIPS, (worth + level[:, None, None]).split(count), strict=True):
-                back = part.flip(axes)
-                total = total + (back.transpose(-1, -2) if swapped else back)
+            parts = (worth + level[:, None, None]).chunk(len(FLIPS))
+            back = torch.stack(
+                [part.flip(axes) for axes, part in zip(FLIPS, parts, strict=True)]
+            ).sum(dim=0)
+            total = total + (back.transpose(-1, -2) if swapped else back)
         return total / (2 * len(FLIPS))
 
     def forward(self, partial_maps: Tensor, extra_worth: Tensor | None = None) -> Values:
@@ -208,16 +209,15 @@ class ValueNetwork(nn.Module):
         steps, done = mask[:, :NUM_MOVES], rewards[:, NUM_MOVES:]
         values = torch.zeros_like(partial_maps[:, 0])
         q_values = rewards
-        residual = 0.0
+        before = values
         for _ in range(self._rounds(partial_maps)):
             ahead = functional.conv2d(values[:, None], kernels[:, None], padding=1)
             # An invalid step leaves the robot where it is; Done ends the episode.
             ahead = steps * ahead + (1 - steps) * values[:, None]
             moves = rewards[:, :NUM_MOVES] + self.config.gamma * ahead
             q_values = torch.cat([moves, done], dim=1)
-            new_values = q_values.amax(dim=1)
-            residual = float((new_values - values).detach().abs().max())
-            values = new_values
+            before, values = values, q_values.amax(dim=1)
+        residual = float((values - before).detach().abs().max())
         reached = torch.ones_like(values, dtype=torch.bool)
         rounds = self._rounds(partial_maps)
         offsets = values.new_zeros(len(values))

@@ -20,10 +20,11 @@ ROSDEP_KEYS = {
     'numpy': 'python3-numpy',
     'scipy': 'python3-scipy',
     'tqdm': 'python3-tqdm',
+    'yaml': 'python3-yaml',
 }
 """What package.xml calls a module; ROS packages and ours go by their own names."""
 
-PYPI_ONLY = {'gymnasium', 'rich', 'rosbags', 'safetensors', 'tensorboard', 'torch'}
+PYPI_ONLY = {'gymnasium', 'mcap', 'rich', 'rosbags', 'safetensors', 'tensorboard', 'torch'}
 """Modules for which rosdep has no key; a comment in package.xml names them."""
 
 USED_BY_NAME = {
@@ -159,7 +160,8 @@ def test_every_pypi_module_is_installed_by_make_setup() -> None:
         for path in sources(package)
         for name in imports(path)
     } - {*sys.stdlib_module_names, *PACKAGES, *ROS_MODULES}
-    assert {'pillow' if name == 'PIL' else name for name in modules} <= required
+    on_pypi = {'PIL': 'pillow', 'yaml': 'pyyaml'}
+    assert {on_pypi.get(name, name) for name in modules} <= required
 
 
 def knows_ros(path: Path) -> bool:

@@ -150,6 +150,8 @@ def _messages(path: Path, prefix: str) -> dict[str, list[tuple[int, Any]]]:
                 messages[connection.topic.removeprefix(prefix)].append((received, message))
     except (AnyReaderError, OSError) as error:
         msg = f'{path} is not a readable bag: {error}'
+        if any(file.suffix in {'.mcap', '.db3'} for file in path.glob('*')):
+            msg += f" If its recorder was killed, 'vgdp bag recover {path}' reads what is there."
         raise BagError(msg) from error
     return messages
 

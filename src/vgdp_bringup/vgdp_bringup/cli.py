@@ -30,10 +30,29 @@ def main(argv: Sequence[str] | None = None) -> int:
     groups = parser.add_subparsers(required=True, metavar='COMMAND')
     _add_info(groups)
     _add_demo(groups)
+    _add_bag(groups)
     commands.register(groups)
     args = parser.parse_args(argv)
     status: int = args.run(args)
     return status
+
+
+BAG_COMMANDS = {
+    'recover': ('vgdp_bringup.recovery', 'make a readable bag of what a killed recorder left'),
+}
+"""What is done with bags: the module behind each command, and what it does."""
+
+
+def _add_bag(groups: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    what = 'look at recorded runs'
+    parser = groups.add_parser('bag', help=what, description=f'vgdp bag: {what}.')
+    members = parser.add_subparsers(
+        required=True, metavar='COMMAND', parser_class=commands.CommandParser
+    )
+    for name, (module, purpose) in BAG_COMMANDS.items():
+        members.add_parser(
+            name, module=module, help=purpose, description=f'vgdp bag {name}: {purpose}.'
+        )
 
 
 def _add_info(groups: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

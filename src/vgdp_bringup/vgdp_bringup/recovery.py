@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import sqlite3
 import struct
+import sys
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,7 @@ from vgdp_bringup.recorder import BagRecorder
 from vgdp_bringup.storage import RecordedTopic
 
 if TYPE_CHECKING:
+    import argparse
     from collections.abc import Iterator, Sequence
 
     from rosbags.interfaces import Connection
@@ -44,6 +46,29 @@ class Recovery:
     bag: Path
     messages: int
     damage: dict[str, str]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``vgdp bag recover``."""
+    parser.add_argument(
+        'bag', type=Path, metavar='BAG', help='folder of the bag, or one .mcap or .db3 file of it'
+    )
+    parser.add_argument(
+        '--out',
+        type=Path,
+        metavar='FOLDER',
+        help='the new bag, which must not exist (default: BAG_recovered); BAG stays as it is',
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Recover a bag and say what was saved."""
+    source: Path = args.bag
+    recovery = recover(source, args.out or source.with_name(f'{source.stem}_recovered'))
+    for name, damage in recovery.damage.items():
+        sys.stdout.write(f'{name}: {damage}\n')
+    sys.stdout.write(f'{recovery.messages} messages saved in {recovery.bag}\n')
+    return 0
 
 
 def recover(source: Path, target: Path) -> Recovery:

@@ -12,6 +12,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from gridnav.ros.conversions import from_occupancy_grid, to_nanoseconds
 from gridnav.ros.episode import EpisodeStatus
+from vgdp_bringup.bags import WORLDS
 from vgdp_bringup.node import message_class, qos_of
 from vgdp_bringup.progress import Progress
 from vgdp_bringup.topics import TOPICS
@@ -25,9 +26,6 @@ if TYPE_CHECKING:
     from geometry_msgs.msg import PoseStamped
     from nav_msgs.msg import OccupancyGrid, Odometry, Path
     from visualization_msgs.msg import MarkerArray
-
-WORLDS = ('maze_sim', 'avd_player')
-"""Who may say on ``episode`` how an episode stands; a planner speaks there too."""
 
 
 class RunWatcher:

@@ -20,7 +20,7 @@ from gridnav.grid import GridGeometry
 from gridnav.metrics import Outcome
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Collection, Iterator, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -199,12 +199,12 @@ def read_episodes(path: Path, namespace: str = '/') -> list[Episode]:
 def read_bag(path: Path, namespace: str = '/') -> Bag:
     """Read what one robot did and said; see ``read_episodes``."""
     prefix = namespace.rstrip('/') + '/'
-    messages, topics, notes = _contents(path, prefix)
+    messages, topics, notes = _contents(path, prefix, READ)
     episodes: dict[int, Episode] = {}
     for _, status in messages['episode']:
         _read_status(episodes, status)
     if not episodes and messages['odom']:
-        start = min(_stamp(message) for _, message in messages['odom'])
+        start = min(stamp_of(message) for _, message in messages['odom'])
         episodes[start] = Episode(start)
     if not episodes:
         msg = f'{path} holds no episode.'
@@ -212,7 +212,7 @@ def read_bag(path: Path, namespace: str = '/') -> Bag:
     ordered = [episodes[start] for start in sorted(episodes)]
     steps: dict[int, Step] = {}
     for received, message in messages['odom']:
-        stamp = _stamp(message)
+        stamp = stamp_of(message)
         position = message.pose.pose.position
         if stamp not in steps and stamp >= ordered[0].start:
             steps[stamp] = Step(stamp, (position.x, position.y), observed=received)
@@ -220,7 +220,7 @@ def read_bag(path: Path, namespace: str = '/') -> Bag:
     _add_plans(steps, messages)
     _add_views(steps, messages)
     for _, message in messages['goal_pose']:
-        stamp = _stamp(message)
+        stamp = stamp_of(message)
         if stamp >= ordered[0].start:
             episode = _of(ordered, stamp)
             episode.goal = (message.pose.position.x, message.pose.position.y)
@@ -264,18 +264,31 @@ def _open(path: Path) -> Iterator[AnyReader]:
         raise BagError(msg) from error
 
 
-def _contents(path: Path, prefix: str) -> tuple[Messages, list[TopicLog], dict[str, str]]:
-    """Return the messages of the topics in ``READ`` by relative name, and when the others came."""
+def read_messages(path: Path, namespace: str, topics: Collection[str]) -> Messages:
+    """Return the messages of some topics, with their times of arrival, by relative name.
+
+    Raises:
+        BagError: If there is no readable bag.
+    """
+    return _contents(path, namespace.rstrip('/') + '/', topics)[0]
+
+
+def _contents(
+    path: Path, prefix: str, wanted: Collection[str]
+) -> tuple[Messages, list[TopicLog], dict[str, str]]:
+    """Return the messages of the wanted topics by relative name, and when all others came."""
     messages: Messages = defaultdict(list)
     received_of: dict[str, list[int]] = defaultdict(list)
     with _open(path) as reader:
         types = {connection.topic: connection.msgtype for connection in reader.connections}
         for connection, received, data in reader.messages():
             received_of[connection.topic].append(received)
-            name = connection.topic.removeprefix(prefix)
-            if connection.topic in READ or (name in READ and name != connection.topic):
+            name = connection.topic
+            if name not in wanted and name.startswith(prefix):
+                name = name.removeprefix(prefix)
+            if name in wanted:
                 message = reader.deserialize(data, connection.msgtype)
-                messages[name if name in READ else connection.topic].append((received, message))
+                messages[name].append((received, message))
         notes = getattr(getattr(reader.readers[0], 'storage', None), 'metadata', None)
     topics = [
         TopicLog(name, types[name], np.array(received_of[name], dtype=np.int64))
@@ -297,13 +310,13 @@ def _read_status(episodes: dict[int, Episode], status: Any) -> None:  # noqa: AN
 def _add_plans(steps: dict[int, Step], messages: Messages) -> None:
     """Add to each step the map and the plan with its stamp; the first ones of a stamp count."""
     for received, message in messages['map']:
-        step = steps.get(_stamp(message))
+        step = steps.get(stamp_of(message))
         if step is not None and step.map is None:
-            step.map, step.mapped = _grid(message), received
+            step.map, step.mapped = to_grid(message), received
     for received, message in messages['plan']:
-        step = steps.get(_stamp(message))
+        step = steps.get(stamp_of(message))
         if step is not None and step.plan is None:
-            step.plan = _points([pose.pose.position for pose in message.poses])
+            step.plan = to_points([pose.pose.position for pose in message.poses])
             step.planned = received
     # An action bears no stamp: the first one that came after the map of a plan is of this plan.
     acted = [received for received, _ in messages['action']]
@@ -343,13 +356,13 @@ def _add_sources(episodes: Sequence[Episode], arrays: list[tuple[int, Any]], pla
 def _add_views(steps: dict[int, Step], messages: Messages) -> None:
     """Add to each step what the planner shows of its choice with that stamp."""
     for _, message in messages['value_map']:
-        if _stamp(message) in steps:
-            steps[_stamp(message)].value_map = _grid(message)
+        if stamp_of(message) in steps:
+            steps[stamp_of(message)].value_map = to_grid(message)
     for _, message in messages['plan_candidates']:
         for marker in message.markers:
-            if marker.type == LINE_STRIP and _stamp(marker) in steps:
-                candidate = Candidate(_points(marker.points), float(marker.text or 'nan'))
-                steps[_stamp(marker)].candidates.append(candidate)
+            if marker.type == LINE_STRIP and stamp_of(marker) in steps:
+                candidate = Candidate(to_points(marker.points), float(marker.text or 'nan'))
+                steps[stamp_of(marker)].candidates.append(candidate)
 
 
 def _of(episodes: Sequence[Episode], stamp: int) -> Episode:
@@ -357,15 +370,18 @@ def _of(episodes: Sequence[Episode], stamp: int) -> Episode:
     return [episode for episode in episodes if episode.start <= stamp][-1]
 
 
-def _stamp(message: Any) -> int:  # noqa: ANN401 - any type with a header
+def stamp_of(message: Any) -> int:  # noqa: ANN401 - any type with a header
+    """Return the stamp of a message in nanoseconds."""
     return int(message.header.stamp.sec) * NANOSECONDS + int(message.header.stamp.nanosec)
 
 
-def _points(points: Sequence[Any]) -> NDArray[np.float64]:
+def to_points(points: Sequence[Any]) -> NDArray[np.float64]:
+    """Return points as (x, y) in metres, (N, 2)."""
     return np.array([(point.x, point.y) for point in points], dtype=np.float64).reshape(-1, 2)
 
 
-def _grid(message: Any) -> Grid:  # noqa: ANN401 - an OccupancyGrid of rosbags
+def to_grid(message: Any) -> Grid:  # noqa: ANN401 - an OccupancyGrid of rosbags
+    """Return an occupancy grid."""
     info = message.info
     geometry = GridGeometry(
         rows=int(info.height),

@@ -38,6 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 BAG_COMMANDS = {
+    'replay': ('vgdp_bringup.replay', 'map or plan again and say where the outputs differ'),
     'recover': ('vgdp_bringup.recovery', 'make a readable bag of what a killed recorder left'),
 }
 """What is done with bags: the module behind each command, and what it does."""

@@ -38,6 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 BAG_COMMANDS = {
+    'report': ('vgdp_bringup.report', 'write a page and JSON about one bag or many'),
     'replay': ('vgdp_bringup.replay', 'map or plan again and say where the outputs differ'),
     'recover': ('vgdp_bringup.recovery', 'make a readable bag of what a killed recorder left'),
 }

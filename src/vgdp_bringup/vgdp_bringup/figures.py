@@ -72,8 +72,8 @@ class EpisodeFigures:
         path_length: Length of the way in metres.
         spl: Success weighted by path length, as the world says.
         spl_steps: The same, counted in steps.
-        coverage: When an observation came, in seconds, and which share of the cells of the last
-            map had been seen then.
+        coverage: When an observation came, in seconds, and which share of the cells had been seen
+            then: of those that the world says it has, else of the last map.
         plans: Each plan.
         replans: Plans after the first one.
         turns: How many of them left the way of the plan before.
@@ -329,7 +329,8 @@ def _coverage(episode: Episode, begin: int) -> list[tuple[float, float]]:
     steps = with_maps(episode)
     if not steps:
         return []
-    cells = steps[-1][1].cells.size
+    rows, cols = (_whole(episode.values.get(key)) for key in ('rows', 'cols'))
+    cells = rows * cols if rows and cols else steps[-1][1].cells.size
     return [
         ((step.observed - begin) / NANOSECONDS, _seen(grid.cells) / cells) for step, grid in steps
     ]

@@ -11,7 +11,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from vgdp_bringup.bags import NANOSECONDS
-from vgdp_bringup.pictures import FAINT, INK, OLD_PATH, PATH, PLAN, draw_way, with_maps
+from vgdp_bringup.pictures import (
+    FAINT,
+    INK,
+    OLD_PATH,
+    PATH,
+    PLAN,
+    draw_way,
+    with_maps,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,6 +40,9 @@ OUTCOME_COLORS = {
 }
 MAPPING, PLANNING, ACTING = '#8fb8de', PATH, PLAN
 GRID_LINES = '#e6e9ef'
+USUAL, OUTLIER = 0.95, 3.0
+"""More than three times the 95th percentile is off the scale."""
+
 MANY = 6
 """More curves than this get no names of their own."""
 
@@ -48,13 +59,13 @@ def episode_plot(episode: Episode, figures: EpisodeFigures) -> str:
     """Draw one episode: its map, coverage, latency, delays and candidates."""
     figure = Figure(figsize=(13.5, 6.2))
     grid = figure.add_gridspec(
-        2, 4, width_ratios=(1.55, 1, 1, 0.5), left=0.01, right=0.99, top=0.93, bottom=0.08,
+        2, 4, width_ratios=(1.55, 1, 1, 0.5), left=0.01, right=0.99, top=0.94, bottom=0.13,
         wspace=0.32, hspace=0.42,
     )  # fmt: skip
     way = figure.add_subplot(grid[:, 0])
     steps = with_maps(episode)
     if steps:
-        draw_way(way, episode, steps)
+        draw_way(way, episode, steps, crop=True)
         _title(way, 'What was seen, and the way taken')
     else:
         way.axis('off')
@@ -74,7 +85,7 @@ def thumbnail(episode: Episode, color: str) -> str:
     axes = figure.add_axes((0.03, 0.03, 0.94, 0.94))
     steps = with_maps(episode)
     if steps:
-        draw_way(axes, episode, steps)
+        draw_way(axes, episode, steps, crop=True)
     axes.set(xticks=[], yticks=[])
     for spine in axes.spines.values():
         spine.set(color=color, linewidth=2.5)
@@ -116,8 +127,21 @@ def topics_plot(bag: Bag) -> str:
     return _svg(figure)
 
 
+def _cap(axes: Axes, values: Sequence[float]) -> None:
+    """Don't let single outliers flatten all else; they are named at the upper edge."""
+    if not values:
+        return
+    top = OUTLIER * float(np.quantile(values, USUAL))
+    axes.set_ylim(0, None if top <= 0 or max(values) <= top else top)
+    beyond = [value for value in values if value > top > 0]
+    if beyond:
+        longest = f'{len(beyond)} beyond, up to {max(beyond):.0f}'
+        axes.text(0.99, 0.98, longest, color=FAINT, ha='right', va='top', size=8.5,
+                  transform=axes.transAxes)  # fmt: skip
+
+
 def _draw_coverage(axes: Axes, episodes: Sequence[EpisodeFigures]) -> None:
-    _title(axes, 'Coverage: share of the last map seen')
+    _title(axes, 'Coverage: share of the cells seen')
     for episode in episodes:
         if episode.coverage:
             color = PATH if len(episodes) == 1 else OUTCOME_COLORS[episode.outcome]
@@ -140,9 +164,8 @@ def _draw_latency(axes: Axes, episode: EpisodeFigures) -> None:
     if latencies:
         median = float(np.median(latencies))
         axes.axhline(median, color=PLAN, lw=1.2)
-        axes.text(1.0, median, f' median {median:.0f}', color=PLAN, va='bottom', ha='right',
-                  transform=axes.get_yaxis_transform())  # fmt: skip
-    axes.set_ylim(bottom=0)
+        _title(axes, f'Planning latency, ms: median {median:.0f}')
+    _cap(axes, latencies)
     axes.set_xlabel('seconds', color=FAINT)
     _clean(axes)
 
@@ -158,14 +181,16 @@ def _draw_histogram(axes: Axes, episodes: Sequence[EpisodeFigures]) -> None:
     _title(axes, 'Distribution' if sideways else 'Planning latency, ms')
     if latencies:
         axes.hist(
-            latencies, bins=24, color=PATH, orientation='horizontal' if sideways else 'vertical'
+            np.minimum(latencies, OUTLIER * np.quantile(latencies, USUAL)),
+            bins=24,
+            color=PATH,
+            orientation='horizontal' if sideways else 'vertical',
         )
         if not sideways:
-            for name, share in (('median', 0.5), ('95 %', 0.95)):
-                value = float(np.quantile(latencies, share))
+            median, most = np.quantile(latencies, (0.5, USUAL))
+            for value in (median, most):
                 axes.axvline(value, color=PLAN, lw=1.2)
-                axes.text(value, 0.97 - share / 6, f' {name} {value:.0f}', color=PLAN, va='top',
-                          transform=axes.get_xaxis_transform())  # fmt: skip
+            _title(axes, f'Planning, ms: median {median:.0f}, {USUAL:.0%} within {most:.0f}')
     if sideways:
         axes.tick_params(labelleft=False)
         axes.set_xlabel('plans', color=FAINT)
@@ -183,6 +208,7 @@ def _draw_delays(axes: Axes, episode: EpisodeFigures) -> None:
         values = np.array([1000 * (getattr(plan, name) or 0.0) for plan in episode.plans])
         axes.bar(numbers, values, 0.9, bottom=bottom, color=color, label=name)
         bottom += values
+    _cap(axes, bottom.tolist())
     if len(numbers):
         axes.legend(
             loc='upper center', bbox_to_anchor=(0.5, -0.14), ncols=3, frameon=False,
@@ -239,8 +265,7 @@ def _draw_spl(axes: Axes, episodes: Sequence[EpisodeFigures]) -> None:
         axes.bar(range(len(known)), [max(value, 0.008) for value in values], 0.8, color=colors)
         mean = float(np.mean(values))
         axes.axhline(mean, color=INK, lw=1, ls='--')
-        axes.text(0.0, mean, f'mean {mean:.2f}', color=INK, va='bottom',
-                  transform=axes.get_yaxis_transform())  # fmt: skip
+        _title(axes, f'SPL of each episode, sorted: mean {mean:.2f}')
     axes.set_ylim(0, 1.02)
     axes.set_xticks([])
     _clean(axes)

@@ -19,6 +19,7 @@ from rosbags.rosbag2 import Reader
 from tests.vgdp_bringup.synthetic import QOS, SECOND, STORE, SyntheticBag, message
 
 from vgdp_bringup.bags import BagError, read_episodes
+from vgdp_bringup.cli import main
 from vgdp_bringup.recorder import BagRecorder, Counts
 from vgdp_bringup.recovery import recover
 
@@ -264,8 +265,29 @@ def test_a_whole_bag_stays_what_it_is(tmp_path: Path) -> None:
     assert {path.name: path.read_bytes() for path in (tmp_path / 'bag').iterdir()} == before
 
 
-def test_there_has_to_be_something_to_recover(tmp_path: Path) -> None:
+def test_the_command_says_what_it_saved(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Beside the bag, which may have a dot in its name; twice is refused."""
+    with BagRecorder(tmp_path / 'run.1') as recorder:
+        write_texts(recorder, 5)
+    file = tmp_path / 'run.1' / 'run.1_0.mcap'
+    file.write_bytes(file.read_bytes()[:-3])
+    assert main(['bag', 'recover', str(tmp_path / 'run.1')]) == 0
+    damage, saved = capsys.readouterr().out.splitlines()
+    assert damage.startswith('run.1_0.mcap: it breaks off')
+    assert saved == f'5 messages saved in {tmp_path / "run.1_recovered"}'
+    assert len(texts(tmp_path / 'run.1_recovered')) == 5
+    assert main(['bag', 'recover', str(tmp_path / 'run.1')]) == 2
+    assert 'exists already' in capsys.readouterr().err
+
+
+def test_there_has_to_be_something_to_recover(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """What is no bag is refused in one sentence."""
+    assert main(['bag', 'recover', str(tmp_path / 'missing')]) == 2
+    assert 'missing does not exist' in capsys.readouterr().err
     with pytest.raises(BagError, match='missing does not exist'):
         recover(tmp_path / 'missing', tmp_path / 'saved')
     with pytest.raises(BagError, match='holds no file of a bag'):

@@ -11,6 +11,7 @@ from bisect import bisect_right
 from collections import Counter, defaultdict
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -325,11 +326,10 @@ def _add_plans(steps: dict[int, Step], messages: Messages) -> None:
         for step in steps.values()
         if step.mapped is not None and step.planned is not None
     }
-    times = sorted(begun)
-    for begin, end in zip(times, [*times[1:], math.inf], strict=True):
+    for begin, end in pairwise([*sorted(begun), math.inf]):
         first = bisect_right(acted, begin)
         if first < len(acted) and acted[first] <= end:
-            begun[begin].acted = acted[first]
+            begun[int(begin)].acted = acted[first]
 
 
 def _add_sources(episodes: Sequence[Episode], arrays: list[tuple[int, Any]], planner: str) -> None:

@@ -28,7 +28,6 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from rosbags.typesys import TypesysError
 
 from gridnav.ros import qos as profiles
 from gridnav.ros.conversions import NANOSECONDS
@@ -231,11 +230,19 @@ class RecorderNode(BaseNode[RecorderParameters]):
             for info in publishers
         ):
             return
+        message_type = self._types.setdefault(name, publishers[0].topic_type)
+        if not self._recorder.can_describe(message_type):
+            self._leave_out(name, f'the definition of {message_type} is not known')
+            return
         try:
-            self._types.setdefault(name, publishers[0].topic_type)
             self._subscribe(name, common_qos([info.qos_profile for info in publishers]))
-        except (ImportError, AttributeError, KeyError, TypesysError) as error:
-            self.warn(name, f'{name} is not recorded, its type is unknown: {error}')
+        except (ImportError, AttributeError) as error:
+            self._leave_out(name, str(error))
+
+    def _leave_out(self, name: str, reason: str) -> None:
+        """Say that a topic can't be recorded."""
+        self.diagnostics.value(f'{self._chosen[name]}: not recorded', reason)
+        self.warn(name, f'{name} is not recorded: {reason}')
 
 
 def common_qos(offered: Sequence[QoSProfile]) -> QoSProfile:

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from types import TracebackType
     from typing import Self
 
-    from rosbags.typesys.store import Typestore
-
     from vgdp_bringup.storage import BagFile
 
 FOREVER = QosTime(9223372036, 854775807)
@@ -185,31 +183,24 @@ class BagRecorder:
         with self._ready:
             return {name: Counts(**vars(counts)) for name, counts in self._counts.items()}
 
+    def can_describe(self, message_type: str) -> bool:
+        """Tell whether the definition of a type is known, without which no topic is added."""
+        return message_type in self._typestore.fielddefs
+
     def knows(self, topic: str) -> bool:
         """Tell whether a topic was announced."""
         return topic in self._topics
 
-    def add_topic(
-        self,
-        topic: str,
-        message_type: str,
-        qos: Sequence[Qos],
-        typestore: Typestore | None = None,
-    ) -> None:
+    def add_topic(self, topic: str, message_type: str, qos: Sequence[Qos]) -> None:
         """Announce a topic, before its first message.
 
         Args:
             topic: Its full name.
             message_type: ``package/msg/Name``.
             qos: What its publishers offer.
-            typestore: Knows the type; that of ROS 2 Jazzy if None.
-
-        Raises:
-            KeyError: If the type is not known.
         """
-        store = typestore or self._typestore
-        definition, _ = store.generate_msgdef(message_type, ros_version=2)
-        digest = store.hash_rihs01(message_type)
+        definition, _ = self._typestore.generate_msgdef(message_type, ros_version=2)
+        digest = self._typestore.hash_rihs01(message_type)
         self.announce(RecordedTopic(topic, message_type, tuple(qos), definition, digest))
 
     def announce(self, topic: RecordedTopic) -> None:

@@ -63,8 +63,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Recover a bag and say what was saved."""
-    source: Path = args.bag
-    recovery = recover(source, args.out or source.with_name(f'{source.stem}_recovered'))
+    source: Path = args.bag.resolve()
+    name = source.stem if source.is_file() else source.name
+    recovery = recover(source, args.out or source.with_name(f'{name}_recovered'))
     for name, damage in recovery.damage.items():
         sys.stdout.write(f'{name}: {damage}\n')
     sys.stdout.write(f'{recovery.messages} messages saved in {recovery.bag}\n')

@@ -9,6 +9,7 @@ import signal
 import sys
 import time
 from dataclasses import dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -139,8 +140,8 @@ class Scene:
             ValueError: If it is not installed.
         """
         try:
-            import rerun  # type: ignore[import-not-found, unused-ignore] # noqa: PLC0415 - optional
-            import rerun.blueprint as blueprint  # type: ignore[import-not-found, unused-ignore] # noqa: PLC0415, PLR0402
+            rerun = import_module('rerun')
+            blueprint = import_module('rerun.blueprint')
         except ImportError as error:
             msg = f"'vgdp view' needs rerun-sdk: pip install -r requirements-view.txt ({error})."
             raise ValueError(msg) from error

@@ -75,7 +75,8 @@ def test_the_demo(demo: list[str], tmp_path: Path) -> None:
     said = json.loads((out / 'report.json').read_text())
     (figures,) = said['bags'][0]['episodes']
     assert (figures['outcome'], figures['steps']) == ('success', int(steps))
-    assert sum(figures['sources'].values()) == len(figures['plans'])
+    # The planner counts once a second, the last plans may come after that.
+    assert 0 < sum(figures['sources'].values()) <= len(figures['plans'])
     for name in NODES:
         assert 'Traceback' not in (out / 'logs' / f'{name}.log').read_text()
 

@@ -190,7 +190,7 @@ def _draw_histogram(axes: Axes, episodes: Sequence[EpisodeFigures]) -> None:
             median, most = np.quantile(latencies, (0.5, USUAL))
             for value in (median, most):
                 axes.axvline(value, color=PLAN, lw=1.2)
-            _title(axes, f'Planning, ms: median {median:.0f}, {USUAL:.0%} within {most:.0f}')
+            _title(axes, f'Planning, ms: p50 {median:.0f}, p95 {most:.0f}')
     if sideways:
         axes.tick_params(labelleft=False)
         axes.set_xlabel('plans', color=FAINT)

@@ -91,7 +91,9 @@ class RecordedTopic:
 
 def to_yaml(content: object) -> str:
     """Return YAML as rosbag2 reads it."""
-    text: str = yaml.safe_dump(content, sort_keys=False)
+    # The one in C, where there is one, is ten times as fast, which counts when a node has to end.
+    dumper = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
+    text: str = yaml.dump(content, Dumper=dumper, sort_keys=False)
     return text
 
 

@@ -21,6 +21,7 @@ setup(
         (f'share/{PACKAGE}', ['package.xml']),
         (f'share/{PACKAGE}/launch', sorted(glob('launch/*.launch.py'))),
         (f'share/{PACKAGE}/rviz', sorted(glob('rviz/*.rviz'))),
+        (f'share/{PACKAGE}/foxglove', sorted(glob('foxglove/*.json'))),
         (f'share/{PACKAGE}/config', sorted(glob('config/*.yaml'))),
     ],
     zip_safe=False,

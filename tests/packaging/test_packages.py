@@ -24,7 +24,7 @@ ROSDEP_KEYS = {
 }
 """What package.xml calls a module; ROS packages and ours go by their own names."""
 
-PYPI_ONLY = {'gymnasium', 'rich', 'rosbags', 'safetensors', 'tensorboard', 'torch'}
+PYPI_ONLY = {'gymnasium', 'mcap', 'rich', 'rosbags', 'safetensors', 'tensorboard', 'torch'}
 """Modules for which rosdep has no key; a comment in package.xml names them."""
 
 PYPI_NAMES = {'PIL': 'pillow', 'yaml': 'pyyaml'}

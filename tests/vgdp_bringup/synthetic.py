@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -149,13 +150,14 @@ def status(name: str, text: str, start: int, **values: object) -> Any:  # noqa: 
 class SyntheticBag:
     """A bag that gets filled."""
 
-    def __init__(self, folder: Path, namespace: str = '/') -> None:
-        """Create the bag with all topics."""
+    def __init__(self, folder: Path, namespace: str = '/', flush_each: int = 0) -> None:
+        """Create the bag with all topics; each so many messages make a chunk of their own."""
         self._recorder = BagRecorder(folder)
+        self._flush_each, self._added = flush_each, 0
         self._types = {topic.name: topic.type for topic in TOPICS}
         self._namespace = namespace
         for topic in TOPICS:
-            self._recorder.add_topic(self._full(topic.name), topic.type, QOS)
+            self._recorder.add_topic(self._full(topic.name), topic.type, [QOS])
 
     def _full(self, topic: str) -> str:
         return topic if topic.startswith('/') else self._namespace + topic
@@ -164,6 +166,11 @@ class SyntheticBag:
         """Write a message."""
         data = bytes(STORE.serialize_cdr(content, self._types[topic]))
         self._recorder.write(self._full(topic), received, data)
+        self._added += 1
+        if self._flush_each and self._added % self._flush_each == 0:
+            while self._recorder.waiting_bytes:
+                time.sleep(0.001)
+            self._recorder._file.flush()
 
     def add_episode(self, seed: int, start: int) -> None:
         """Write an episode in a maze of 15 x 15 cells, one step a second, from ``start`` on."""

@@ -86,7 +86,7 @@ def test_what_is_no_bag_is_refused(tmp_path: Path) -> None:
     bag = SyntheticBag(tmp_path / 'bag')
     bag.add_episode(seed=0, start=SECOND)
     bag.close()
-    file = tmp_path / 'bag' / 'bag.mcap'
+    file = tmp_path / 'bag' / 'bag_0.mcap'
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
     with pytest.raises(BagError, match='bag is not a readable bag'):
         read_episodes(tmp_path / 'bag')

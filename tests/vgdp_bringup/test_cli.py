@@ -33,7 +33,7 @@ def test_nothing_heavy_is_loaded_to_print_the_help() -> None:
         [sys.executable, '-c', program], capture_output=True, text=True, check=True
     )
     assert result.stdout.splitlines()[-1] == '[]'
-    for command in ('info', 'demo', 'train', 'eval', 'bench'):
+    for command in ('info', 'demo', 'bag', 'view', 'train', 'eval', 'bench'):
         assert f'    {command}' in result.stdout
 
 

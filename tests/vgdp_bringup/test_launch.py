@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import runpy
 import sys
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import yaml
+from tests.vgdp_bringup.synthetic import odometry
 
 from vgdp_bringup.topics import TOPICS
 
@@ -155,11 +157,24 @@ def view() -> dict[str, Any]:
     return manager
 
 
+TO_BE_SEEN = (
+    'camera/color/image_raw',
+    'map',
+    'odom',
+    'plan',
+    'plan_candidates',
+    'points',
+    'value_map',
+)
+"""What every view of the stack has to show."""
+
 MESSAGES = {
+    'rviz_default_plugins/Image': 'sensor_msgs/msg/Image',
     'rviz_default_plugins/Map': 'nav_msgs/msg/OccupancyGrid',
     'rviz_default_plugins/MarkerArray': 'visualization_msgs/msg/MarkerArray',
     'rviz_default_plugins/Odometry': 'nav_msgs/msg/Odometry',
     'rviz_default_plugins/Path': 'nav_msgs/msg/Path',
+    'rviz_default_plugins/PointCloud2': 'sensor_msgs/msg/PointCloud2',
     'rviz_default_plugins/Pose': 'geometry_msgs/msg/PoseStamped',
     'rviz_default_plugins/SetGoal': 'geometry_msgs/msg/PoseStamped',
 }
@@ -170,13 +185,15 @@ def test_the_view_looks_at_topics_of_the_stack(launched: list[Recorded]) -> None
     topics = {f'/{topic.name}': topic for topic in TOPICS}
     shown = [*view()['Displays'], *view()['Tools']]
     viewed = [item for item in shown if 'Topic' in item]
-    assert len(viewed) >= 8
+    assert len(viewed) >= 10
+    assert {f'/{name}' for name in TO_BE_SEEN} <= {item['Topic']['Value'] for item in viewed}
     for item in viewed:
         topic = topics[item['Topic']['Value']]
         assert MESSAGES[item['Class']] == topic.type
         latched = topic.qos in {'MAP', 'EPISODE'}
         assert (item['Topic']['Durability Policy'] == 'Transient Local') == latched, topic.name
-        assert item['Topic']['Reliability Policy'] == 'Reliable'
+        reliability = 'Best Effort' if topic.qos == 'SENSOR' else 'Reliable'
+        assert item['Topic']['Reliability Policy'] == reliability
     (rviz,) = (c.named for c in launched if c.name == 'Node' and c.named['package'] == 'rviz2')
     names = {item['Topic']['Value'] for item in viewed}
     assert set(rviz['remappings']) == {(name, name.removeprefix('/')) for name in names}
@@ -185,3 +202,56 @@ def test_the_view_looks_at_topics_of_the_stack(launched: list[Recorded]) -> None
 def test_the_view_is_in_the_map_frame() -> None:
     """The one the map and the goals are in."""
     assert view()['Global Options']['Fixed Frame'] == 'map'
+
+
+SHOWN_IN_3D = {
+    'geometry_msgs/msg/PoseStamped',
+    'nav_msgs/msg/OccupancyGrid',
+    'nav_msgs/msg/Path',
+    'sensor_msgs/msg/PointCloud2',
+    'visualization_msgs/msg/MarkerArray',
+}
+"""What Foxglove's 3D panel draws; for odom there is a plot."""
+
+
+def test_the_foxglove_layout_looks_at_topics_of_the_stack() -> None:
+    """Of types that its panels can show, and every panel has its place."""
+    content = json.loads((SHARE / 'foxglove' / 'maze.json').read_text())
+    types = {
+        topic.name if topic.name.startswith('/') else f'/{topic.name}': topic.type
+        for topic in TOPICS
+    }
+    seen: set[str] = set()
+    for panel, settings in content['configById'].items():
+        kind = panel.split('!')[0]
+        if kind == '3D':
+            seen |= {name for name, how in settings['topics'].items() if how['visible']}
+            assert {types[name] for name in settings['topics']} <= SHOWN_IN_3D
+        elif kind == 'Image':
+            mode = settings['imageMode']
+            seen.add(mode['imageTopic'])
+            assert types[mode['imageTopic']] == 'sensor_msgs/msg/Image'
+            assert types[mode['calibrationTopic']] == 'sensor_msgs/msg/CameraInfo'
+        elif kind == 'Plot':
+            for path in (settings['xAxisPath'], *settings['paths']):
+                topic, field = path['value'].split('.', 1)
+                seen.add(topic)
+                message: Any = odometry(0, 1.0, 2.0)
+                assert types[topic] == message.__msgtype__
+                for name in field.split('.'):
+                    message = getattr(message, name)
+                assert isinstance(message, float)
+        elif kind == 'RawMessages':
+            assert settings['topicPath'] in types
+        else:
+            assert kind == 'DiagnosticSummary'
+            assert types[settings['topicToRender']] == 'diagnostic_msgs/msg/DiagnosticArray'
+    assert {f'/{name}' for name in TO_BE_SEEN} <= seen
+    assert set(placed(content['layout'])) == set(content['configById'])
+
+
+def placed(layout: str | dict[str, Any]) -> list[str]:
+    """Return the panels of a part of a layout."""
+    if isinstance(layout, str):
+        return [layout]
+    return [*placed(layout['first']), *placed(layout['second'])]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
@@ -16,6 +17,7 @@ from PIL import Image
 
 from gridnav.metrics import Outcome
 from vgdp_bringup.bags import read_episodes
+from vgdp_bringup.replay import replay_map, replay_plan
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -51,8 +53,9 @@ def test_the_demo(demo: list[str], tmp_path: Path) -> None:
     assert result.returncode == 0, result.stdout + result.stderr
     assert result.stderr == ''
     out = tmp_path / 'out'
-    bag, gif, still = result.stdout.splitlines()[-4:-1]
+    bag, report, gif, still = result.stdout.splitlines()[-5:-1]
     assert bag.split() == ['bag', str(out / 'bag')]
+    assert report.split() == ['report', str(out / 'report.html')]
     assert gif.split() == ['movie', str(out / 'run.gif')]
     assert still.split() == ['still', str(out / 'still.png')]
     (episode,) = read_episodes(out / 'bag')
@@ -65,6 +68,15 @@ def test_the_demo(demo: list[str], tmp_path: Path) -> None:
     assert len(episode.steps) == int(steps) + 1
     with Image.open(out / 'run.gif') as image:
         assert getattr(image, 'n_frames', 0) == len(episode.steps)
+    # What the nodes made online comes out of the bag again.
+    for comparison in (replay_map(out / 'bag', '/'), replay_plan(out / 'bag', '/')):
+        assert comparison.compared > 10
+        assert comparison.differences == []
+    said = json.loads((out / 'report.json').read_text())
+    (figures,) = said['bags'][0]['episodes']
+    assert (figures['outcome'], figures['steps']) == ('success', int(steps))
+    # The planner counts once a second, the last plans may come after that.
+    assert 0 < sum(figures['sources'].values()) <= len(figures['plans'])
     for name in NODES:
         assert 'Traceback' not in (out / 'logs' / f'{name}.log').read_text()
 

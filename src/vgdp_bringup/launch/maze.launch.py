@@ -25,6 +25,8 @@ ARGUMENTS = (
     ('log_level', 'info', 'Log level of the nodes: debug, info, warn, error or fatal'),
     ('record', 'false', 'Whether to record the run'),
     ('bag', '', 'Folder of the bag, with record:=true; a new one named after the time if empty'),
+    ('record_topics', '', 'Topics to record, with spaces between; all of the stack if empty'),
+    ('record_storage', 'mcap', 'Kind of the bag, with record:=true: mcap or sqlite3'),
     ('rviz', 'false', 'Whether to open RViz'),
 )
 """Name, default and description of each argument but those for files."""
@@ -36,12 +38,14 @@ FILE_ARGUMENTS = (
 """Name, folder and file in this package's share, and description."""
 
 VIEWED_TOPICS = (
+    'camera/color/image_raw',
     'goal_pose',
     'local_map',
     'map',
     'odom',
     'plan',
     'plan_candidates',
+    'points',
     'value_map',
     'waypoint',
 )
@@ -81,7 +85,11 @@ def generate_launch_description() -> LaunchDescription:
             _node(
                 'vgdp_bringup',
                 'recorder_node',
-                {'bag': _value('bag', str)},
+                {
+                    'bag': _value('bag', str),
+                    'topics': _value('record_topics', str),
+                    'storage': _value('record_storage', str),
+                },
                 condition=IfCondition(LaunchConfiguration('record')),
             ),
             Node(

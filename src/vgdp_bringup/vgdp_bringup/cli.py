@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vgdp_experiments import commands
+from vgdp_experiments.options import refuse
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,10 +31,71 @@ def main(argv: Sequence[str] | None = None) -> int:
     groups = parser.add_subparsers(required=True, metavar='COMMAND')
     _add_info(groups)
     _add_demo(groups)
+    _add_bag(groups)
+    _add_view(groups)
     commands.register(groups)
     args = parser.parse_args(argv)
     status: int = args.run(args)
     return status
+
+
+BAG_COMMANDS = {
+    'report': ('vgdp_bringup.report', 'write a page and JSON about one bag or many'),
+    'replay': ('vgdp_bringup.replay', 'map or plan again and say where the outputs differ'),
+    'recover': ('vgdp_bringup.recovery', 'make a readable bag of what a killed recorder left'),
+}
+"""What is done with bags: the module behind each command, and what it does."""
+
+
+def _add_bag(groups: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    what = 'look at recorded runs'
+    parser = groups.add_parser('bag', help=what, description=f'vgdp bag: {what}.')
+    members = parser.add_subparsers(
+        required=True, metavar='COMMAND', parser_class=commands.CommandParser
+    )
+    for name, (module, purpose) in BAG_COMMANDS.items():
+        members.add_parser(
+            name, module=module, help=purpose, description=f'vgdp bag {name}: {purpose}.'
+        )
+
+
+def _add_view(groups: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    what = 'see a run in the browser, live or from a bag'
+    parser = groups.add_parser('view', help=what, description=f'vgdp view: {what}.')
+    add = parser.add_argument
+    add('bag', type=Path, nargs='?', metavar='BAG', help='folder of a bag (default: live topics)')
+    add(
+        '--namespace',
+        default='',
+        help='where the robot has its topics (default: where the bag has one, or /)',
+    )
+    add('--port', type=int, default=9090, metavar='N', help='of the page (default: %(default)s)')
+    add(
+        '--data-port',
+        type=int,
+        default=9877,
+        metavar='N',
+        help='from which the page gets what it shows (default: %(default)s)',
+    )
+    add('--no-open', action='store_true', help="don't open a browser")
+    parser.set_defaults(run=_run_view)
+
+
+def _run_view(args: argparse.Namespace) -> int:
+    from vgdp_bringup.view import ViewOptions, run  # noqa: PLC0415 - loads matplotlib
+
+    try:
+        return run(
+            ViewOptions(
+                bag=args.bag,
+                namespace=args.namespace,
+                port=args.port,
+                data_port=args.data_port,
+                open_browser=not args.no_open,
+            )
+        )
+    except (ValueError, OSError) as error:
+        return refuse(error)
 
 
 def _add_info(groups: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

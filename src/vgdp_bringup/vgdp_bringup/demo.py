@@ -18,6 +18,7 @@ from vgdp_bringup.bags import BagError, read_episodes
 from vgdp_bringup.pictures import describe_outcome, save_pictures
 from vgdp_bringup.processes import NodeFailure, NodeProcesses, free_domain_id
 from vgdp_bringup.progress import LiveDisplay, PlainDisplay
+from vgdp_bringup.report import write_report
 from vgdp_bringup.watcher import RunWatcher
 
 if TYPE_CHECKING:
@@ -80,15 +81,16 @@ def run(options: DemoOptions) -> int:
             shutil.rmtree(folder, ignore_errors=True)
         run_stack(options, bag, console)
         episode = read_episodes(bag)[0]
-        console.print('Drawing the pictures from the bag.')
+        console.print('Drawing the pictures and writing the report from the bag.')
         gif, still = save_pictures(episode, options.out)
+        page, _, _ = write_report([bag], options.out)
     except (NodeFailure, BagError, TimeoutError) as error:
         console.print(f'The demo failed: {error}', soft_wrap=True, style='red')
         return 1
     except KeyboardInterrupt:
         console.print('Stopped before the end.')
         return INTERRUPTED
-    console.print(f'\nbag    {bag}\nmovie  {gif}\nstill  {still}', soft_wrap=True)
+    console.print(f'\nbag    {bag}\nreport {page}\nmovie  {gif}\nstill  {still}', soft_wrap=True)
     console.print(summary(episode), soft_wrap=True, style='bold')
     return 0 if episode.outcome is Outcome.SUCCESS else 1
 

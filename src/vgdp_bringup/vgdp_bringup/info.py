@@ -27,7 +27,7 @@ PACKAGES = (
     'maze_sim',
     'gridnav',
 )
-LIBRARIES = ('numpy', 'scipy', 'gymnasium', 'rosbags', 'safetensors', 'matplotlib', 'rich')
+LIBRARIES = ('numpy', 'scipy', 'gymnasium', 'mcap', 'rosbags', 'safetensors', 'matplotlib', 'rich')
 VARIABLES = (
     'ROS_DISTRO',
     'ROS_DOMAIN_ID',

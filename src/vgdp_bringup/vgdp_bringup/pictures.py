@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from PIL import Image
 
-from gridnav.partial_map import FREE_VALUE, OCCUPIED_VALUE
+from gridnav.partial_map import FREE_VALUE, OCCUPIED_VALUE, UNKNOWN_VALUE
 from vgdp_bringup.bags import BagError
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def save_pictures(episode: Episode, folder: Path) -> tuple[Path, Path]:
     Raises:
         BagError: If no map was recorded.
     """
-    steps = _with_maps(episode)
+    steps = with_maps(episode)
     if not steps:
         msg = 'No map was recorded, so there is nothing to draw.'
         raise BagError(msg)
@@ -68,7 +68,7 @@ def save_pictures(episode: Episode, folder: Path) -> tuple[Path, Path]:
     return gif, still
 
 
-def _with_maps(episode: Episode) -> list[tuple[Step, Grid]]:
+def with_maps(episode: Episode) -> list[tuple[Step, Grid]]:
     """Return each step with the latest map as of then, from the first map on."""
     steps = []
     grid = None
@@ -173,10 +173,7 @@ def _save_still(episode: Episode, steps: list[tuple[Step, Grid]], path: Path) ->
     moment = _telling_step(steps)
 
     _title(left, f'What was seen, and the way taken: {describe_outcome(episode)}')
-    _frame_axes(left, geometry)
-    _draw_cells(left, _classes(steps[-1][1], geometry), geometry)
-    _draw_path(left, steps)
-    _mark(left, episode, steps, geometry)
+    draw_way(left, episode, steps)
 
     step, grid = steps[moment]
     _title(middle, f'Step {moment}: {len(step.candidates)} candidate plans, by value')
@@ -213,6 +210,38 @@ def describe_outcome(episode: Episode) -> str:
     if 'steps' in episode.values:
         text += f' after {episode.values["steps"]} steps'
     return text
+
+
+def draw_way(
+    axes: Axes, episode: Episode, steps: list[tuple[Step, Grid]], *, crop: bool = False
+) -> None:
+    """Draw the latest map of some steps, at least one, with the way taken, robot and goal.
+
+    Args:
+        axes: Where to draw.
+        episode: Whose steps they are.
+        steps: With the map as of then.
+        crop: Whether to show no more than a square around what was seen.
+    """
+    geometry = steps[-1][1].geometry
+    _frame_axes(axes, geometry)
+    if crop:
+        _crop(axes, steps[-1][1])
+    _draw_cells(axes, _classes(steps[-1][1], geometry), geometry)
+    _draw_path(axes, steps)
+    _mark(axes, episode, steps, geometry)
+
+
+def _crop(axes: Axes, grid: Grid) -> None:
+    """Show no more of a map than a square around what was seen."""
+    rows, cols = np.nonzero(grid.cells != UNKNOWN_VALUE)
+    if not len(rows):
+        return
+    low = np.array(grid.geometry.center_of(int(rows.min()), int(cols.min())))
+    high = np.array(grid.geometry.center_of(int(rows.max()), int(cols.max())))
+    half = float((high - low).max()) / 2 + grid.geometry.resolution
+    (x, y) = ((low + high) / 2).tolist()
+    axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half), facecolor=CELL_COLORS[UNSEEN])
 
 
 def _telling_step(steps: list[tuple[Step, Grid]]) -> int:

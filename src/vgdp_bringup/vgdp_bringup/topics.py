@@ -31,6 +31,30 @@ TOPICS = (
         'what the robot sees, -1 where it sees nothing: maze_sim to bev_mapper',
     ),
     Topic(
+        'camera/color/image_raw',
+        'sensor_msgs/msg/Image',
+        'SENSOR',
+        'colour images: avd_player or a robot to bev_mapper',
+    ),
+    Topic(
+        'camera/depth/image_raw',
+        'sensor_msgs/msg/Image',
+        'SENSOR',
+        'depth images, 16UC1 in mm or 32FC1 in m: avd_player or a robot to bev_mapper',
+    ),
+    Topic(
+        'camera/camera_info',
+        'sensor_msgs/msg/CameraInfo',
+        'SENSOR',
+        'how the camera sees: avd_player or a robot to bev_mapper',
+    ),
+    Topic(
+        'points',
+        'sensor_msgs/msg/PointCloud2',
+        'SENSOR',
+        'points with colour and label: bev_mapper to viewers',
+    ),
+    Topic(
         'map',
         'nav_msgs/msg/OccupancyGrid',
         'MAP',

@@ -1,8 +1,9 @@
-"""Follow a run over ROS, for the live view."""
+"""Follow a run over ROS, for the live views."""
 
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import rclpy
@@ -12,12 +13,13 @@ from rclpy.signals import SignalHandlerOptions
 
 from gridnav.ros.conversions import from_occupancy_grid, to_nanoseconds
 from gridnav.ros.episode import EpisodeStatus
+from vgdp_bringup.bags import WORLDS
 from vgdp_bringup.node import message_class, qos_of
 from vgdp_bringup.progress import Progress
 from vgdp_bringup.topics import TOPICS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
     from types import TracebackType
     from typing import Self
 
@@ -26,20 +28,28 @@ if TYPE_CHECKING:
     from nav_msgs.msg import OccupancyGrid, Odometry, Path
     from visualization_msgs.msg import MarkerArray
 
-WORLDS = ('maze_sim', 'avd_player')
-"""Who may say on ``episode`` how an episode stands; a planner speaks there too."""
 
+class TopicListener:
+    """Hands on the messages of some topics of the stack, in a ROS context of its own."""
 
-class RunWatcher:
-    """Keeps a ``Progress`` up to date from the topics, in a ROS context of its own."""
+    def __init__(
+        self,
+        topics: Collection[str],
+        receive: Callable[[str, int, Any], None],
+        namespace: str = '/',
+        domain_id: int | None = None,
+    ) -> None:
+        """Prepare to listen.
 
-    def __init__(self, domain_id: int) -> None:
-        """Prepare to watch a ROS domain."""
-        self.progress = Progress()
-        self._domain_id = domain_id
+        Args:
+            topics: Their names, as in ``TOPICS``.
+            receive: Called with the name, the time of arrival in nanoseconds and the message.
+            namespace: Where the robot has its topics.
+            domain_id: ROS domain; that of the environment if None.
+        """
+        self._topics, self._receive = topics, receive
+        self._namespace, self._domain_id = namespace, domain_id
         self._context = Context()
-        self._odom_stamp = -1
-        self._map_received: dict[int, float] = {}
 
     def __enter__(self) -> Self:
         """Subscribe."""
@@ -47,22 +57,19 @@ class RunWatcher:
             args=[],
             context=self._context,
             domain_id=self._domain_id,
-            # Ctrl-C belongs to the demo, which has nodes to stop.
+            # Ctrl-C belongs to the program, which may have more to end.
             signal_handler_options=SignalHandlerOptions.NO,
         )
-        self._node = rclpy.create_node('run_watcher', context=self._context)
-        callbacks: dict[str, Callable[[Any], None]] = {
-            'odom': self._on_odom,
-            'map': self._on_map,
-            'goal_pose': self._on_goal,
-            'plan': self._on_plan,
-            'plan_candidates': self._on_candidates,
-            'episode': self._on_episode,
-        }
+        self._node = rclpy.create_node(
+            'topic_listener', namespace=self._namespace, context=self._context
+        )
         for topic in TOPICS:
-            if topic.name in callbacks:
+            if topic.name in self._topics:
                 self._node.create_subscription(
-                    message_class(topic), topic.name, callbacks[topic.name], qos_of(topic)
+                    message_class(topic),
+                    topic.name,
+                    partial(self._hand_on, topic.name),
+                    qos_of(topic),
                 )
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
@@ -88,6 +95,30 @@ class RunWatcher:
     def node_names(self) -> set[str]:
         """Return the names of the nodes that have been discovered."""
         return set(self._node.get_node_names())
+
+    def _hand_on(self, name: str, message: Any) -> None:  # noqa: ANN401 - any message
+        self._receive(name, time.time_ns(), message)
+
+
+class RunWatcher(TopicListener):
+    """Keeps a ``Progress`` up to date from the topics."""
+
+    def __init__(self, domain_id: int) -> None:
+        """Prepare to watch a ROS domain."""
+        self.progress = Progress()
+        self._odom_stamp = -1
+        self._map_received: dict[int, float] = {}
+        callbacks: dict[str, Callable[[Any], None]] = {
+            'odom': self._on_odom,
+            'map': self._on_map,
+            'goal_pose': self._on_goal,
+            'plan': self._on_plan,
+            'plan_candidates': self._on_candidates,
+            'episode': self._on_episode,
+        }
+        super().__init__(
+            callbacks, lambda name, _, message: callbacks[name](message), domain_id=domain_id
+        )
 
     def _on_odom(self, message: Odometry) -> None:
         stamp = to_nanoseconds(message.header.stamp)

@@ -86,12 +86,20 @@ def test_impossible_step_counts_are_refused(count: int) -> None:
         DiffusionProcess(32, 'sample').sampling_steps(count)
 
 
-def test_sampling_steps_go_down_to_zero() -> None:
-    """The steps begin at the last one, fall strictly and end at 0."""
+@pytest.mark.parametrize('count', [1, 2, 3, 4, 8, 32])
+def test_sampling_steps(count: int) -> None:
+    """The steps begin at the last one and are spread as those of the reference."""
+    reference = diffusers.DDIMScheduler(32, timestep_spacing='trailing')
+    reference.set_timesteps(count)
+    assert DiffusionProcess(32, 'sample').sampling_steps(count) == reference.timesteps.tolist()
+
+
+def test_sampling_steps_fall_strictly() -> None:
+    """No step comes twice, and all of them are taken where as many are asked for."""
     process = DiffusionProcess(32, 'sample')
-    for count in range(2, 33):
+    for count in range(1, 33):
         steps = process.sampling_steps(count)
-        assert steps[0] == 31
-        assert steps[-1] == 0
         assert len(steps) == count
+        assert steps[0] == 31
         assert all(later < earlier for earlier, later in pairwise(steps))
+    assert process.sampling_steps(32) == list(range(31, -1, -1))

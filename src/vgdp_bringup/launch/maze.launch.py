@@ -15,7 +15,8 @@ from launch_ros.substitutions import FindPackageShare
 from launch import LaunchDescription
 
 ARGUMENTS = (
-    ('size', '15', 'Side of the maze in cells'),
+    ('kind', 'maze', 'What the world looks like: maze, loops, rooms, caves or obstacles'),
+    ('size', '15', 'Side of the world in cells'),
     ('view_range', '2', 'How far the robot sees to each side, in cells'),
     ('seed', '3', 'Seed of the maze, start and goal, and of the planner'),
     ('rate', '5.0', 'Steps a second; 0.0 for as fast as it goes'),
@@ -70,6 +71,7 @@ def generate_launch_description() -> LaunchDescription:
     size = _value('size', int)
     seed = _value('seed', int)
     maze = {
+        'kind': _value('kind', str),
         'size': size,
         'seed': seed,
         'view_range': _value('view_range', int),

@@ -120,7 +120,8 @@ def _add_demo(groups: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     add = parser.add_argument
-    add('--size', type=int, default=15, metavar='N', help='side of the maze in cells')
+    add('--kind', default='maze', metavar='KIND', help='maze, loops, rooms, caves or obstacles')
+    add('--size', type=int, default=15, metavar='N', help='side of the world in cells')
     add('--seed', type=int, default=3, metavar='N', help='seed of maze and planner')
     add('--view-range', type=int, default=2, metavar='N', help='cells seen to each side')
     add('--rate', type=float, default=10.0, metavar='HZ', help='steps a second, 0 for no limit')
@@ -141,6 +142,7 @@ def _run_demo(args: argparse.Namespace) -> int:
 
     return run(
         DemoOptions(
+            kind=args.kind,
             size=args.size,
             seed=args.seed,
             view_range=args.view_range,

@@ -46,7 +46,8 @@ class DemoOptions:
     """What the demo does.
 
     Attributes:
-        size: Side of the maze in cells.
+        kind: What the world looks like, one of `maze_sim.WORLD_KINDS`.
+        size: Side of the world in cells.
         seed: Of the maze, start and goal, and of the planner.
         view_range: How far the robot sees to each side, in cells.
         rate: Steps a second; 0 is as fast as it goes.
@@ -55,6 +56,7 @@ class DemoOptions:
         out: Folder for the bag, the logs and the pictures.
     """
 
+    kind: str
     size: int
     seed: int
     view_range: int
@@ -137,6 +139,7 @@ def run_stack(options: DemoOptions, bag: Path, console: Console) -> None:
             'maze_sim',
             _python('maze_sim.node'),
             {
+                'kind': options.kind,
                 'size': options.size,
                 'seed': options.seed,
                 'view_range': options.view_range,

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
+    from vgdp_experiments.scores import Scores
+
 INK, FAINT = '#2b303b', '#8a93a3'
 COLORS = ('#3b7dd8', '#f08c2e', '#2f9e77', '#8e5bb5')
 SHADE = 0.18
@@ -57,12 +59,37 @@ def curve(
         axes.fill_between(x, *band, color=COLORS[color], alpha=SHADE, lw=0)
 
 
-def mark(axes: Axes, *, shipped: float | None, greedy: float | None) -> None:
-    """Draw a line upright at the shipped value of x and one level with what greedy steps reach."""
-    if shipped is not None:
-        axes.axvline(shipped, color=INK, ls=':', lw=1.2, label='shipped')
-    if greedy is not None:
-        axes.axhline(greedy, color=FAINT, ls='--', lw=1.2, label='greedy')
+def score_curves(
+    success: Axes, spl: Axes, x: Sequence[float], scores: Sequence[Scores], name: str, color: int
+) -> None:
+    """Draw success and SPL by path cost with their 95 % intervals, each in a panel of its own."""
+    summaries = [score.summary for score in scores]
+    curve(
+        success,
+        x,
+        [summary.success for summary in summaries],
+        ([s.success_low for s in summaries], [s.success_high for s in summaries]),
+        name=name,
+        color=color,
+    )
+    curve(
+        spl,
+        x,
+        [summary.spl for summary in summaries],
+        ([s.spl_interval[0] for s in scores], [s.spl_interval[1] for s in scores]),
+        name=name,
+        color=color,
+    )
+
+
+def mark_shipped(axes: Axes, x: float) -> None:
+    """Draw a line upright at the shipped value of what varies."""
+    axes.axvline(x, color=INK, ls=':', lw=1.2, label='shipped')
+
+
+def mark_greedy(axes: Axes, y: float) -> None:
+    """Draw a line level with what greedy steps reach."""
+    axes.axhline(y, color=FAINT, ls='--', lw=1.2, label='greedy')
 
 
 def legend(axes: Axes) -> None:

@@ -11,7 +11,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from threading import Thread
+from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -249,6 +249,7 @@ class _Display:
         )
         self._tasks: dict[str, TaskID] = {}
         self._finished: set[str] = set()
+        self._lock = Lock()
         self._all = self._progress.add_task('episodes', total=sum(job.episodes for job in jobs))
         if done:
             self.say(f'{done} parts are there already.')
@@ -271,19 +272,21 @@ class _Display:
 
     def advance(self, job: Job, count: int) -> None:
         """Note that so many more episodes of a job have ended."""
-        self._progress.advance(self._all, count)
-        # What a process says may arrive after its job has.
-        if job.title not in self._finished:
-            if job.title not in self._tasks:
-                self._tasks[job.title] = self._progress.add_task(job.title, total=job.episodes)
-            self._progress.advance(self._tasks[job.title], count)
+        with self._lock:
+            self._progress.advance(self._all, count)
+            # What a process says may arrive after its job has.
+            if job.title not in self._finished:
+                if job.title not in self._tasks:
+                    self._tasks[job.title] = self._progress.add_task(job.title, total=job.episodes)
+                self._progress.advance(self._tasks[job.title], count)
 
     def finish(self, part: Part) -> None:
         """Note that a job has finished."""
-        self._finished.add(part.job.title)
-        task = self._tasks.pop(part.job.title, None)
-        if task is not None:
-            self._progress.remove_task(task)
+        with self._lock:
+            self._finished.add(part.job.title)
+            task = self._tasks.pop(part.job.title, None)
+            if task is not None:
+                self._progress.remove_task(task)
         summary = summarize(part.trial.results)
         self.say(
             f'{part.job.title}: success {summary.success:.3f}, SPL {summary.spl:.3f}, '

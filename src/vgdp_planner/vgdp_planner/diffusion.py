@@ -57,7 +57,10 @@ class DiffusionProcess:
         return alpha_bar.sqrt() * clean + (1 - alpha_bar).sqrt() * noise
 
     def sampling_steps(self, count: int) -> list[int]:
-        """Return `count` diffusion steps from N − 1 down to 0, evenly spread.
+        """Return `count` diffusion steps, evenly spread down from N − 1.
+
+        The last one is not 0, where hardly any noise is left to take away, but as far from the
+        end as the others from one another.
 
         Raises:
             ValueError: If count is not in 1 … N.
@@ -65,10 +68,7 @@ class DiffusionProcess:
         if not 1 <= count <= self.steps:
             msg = f'The number of sampling steps must be in 1 … {self.steps}, got {count}.'
             raise ValueError(msg)
-        if count == 1:
-            return [self.steps - 1]
-        spread = torch.linspace(self.steps - 1, 0, count, dtype=torch.float64)
-        return [int(step) for step in spread.round()]
+        return [round(self.steps * left / count) - 1 for left in range(count, 0, -1)]
 
     def predict_clean(self, output: Tensor, noisy: Tensor, step: int) -> Tensor:
         """Turn the network's output at step i into x_0, clipped to the range of the bits."""

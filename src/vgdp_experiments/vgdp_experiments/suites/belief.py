@@ -72,27 +72,7 @@ def _draw(results: Results, key: str) -> Figure:
             if name in place.methods
         ]
         x = [at for at, _ in points]
-        plots.curve(
-            left,
-            x,
-            [scores.summary.success for _, scores in points],
-            (
-                [scores.summary.success_low for _, scores in points],
-                [scores.summary.success_high for _, scores in points],
-            ),
-            name=name,
-            color=color,
-        )
-        plots.curve(
-            right,
-            x,
-            [scores.summary.spl for _, scores in points],
-            (
-                [scores.spl_interval[0] for _, scores in points],
-                [scores.spl_interval[1] for _, scores in points],
-            ),
-            color=color,
-        )
+        plots.score_curves(left, right, x, [scores for _, scores in points], name, color)
     plots.legend(left)
     return figure
 

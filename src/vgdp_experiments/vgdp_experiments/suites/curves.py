@@ -22,6 +22,8 @@ SWEPT = {
 }
 """Settings of the planner, what they are and the values that they get, one at a time."""
 
+TITLES = ('success', 'SPL by path cost', 'ms a decision, in batches')
+
 TEXT = """\
 # Quality against sampling
 
@@ -58,41 +60,22 @@ def _draw(place: PlaceResults, setting: str) -> Figure:
     scores = place.scores()
     x = [value for value in values if f'{setting}-{value}' in scores]
     found = [scores[f'{setting}-{value}'] for value in x]
-    shipped = place.methods['vgdp'].settings['planner'][setting] if 'vgdp' in scores else None
-    for axes, title, y, band, greedy in (
-        (
-            panels[0],
-            'success',
-            [score.summary.success for score in found],
-            (
-                [score.summary.success_low for score in found],
-                [score.summary.success_high for score in found],
-            ),
-            scores['greedy'].summary.success if 'greedy' in scores else None,
-        ),
-        (
-            panels[1],
-            'SPL by path cost',
-            [score.summary.spl for score in found],
-            (
-                [score.spl_interval[0] for score in found],
-                [score.spl_interval[1] for score in found],
-            ),
-            scores['greedy'].summary.spl if 'greedy' in scores else None,
-        ),
-        (
-            panels[2],
-            'ms a decision, in batches',
-            [score.ms_per_decision for score in found],
-            None,
-            scores['greedy'].ms_per_decision if 'greedy' in scores else None,
-        ),
-    ):
+    success, spl, time = panels
+    for axes, title in zip(panels, TITLES, strict=True):
         plots.label(axes, what, title, ticks=values)
-        plots.curve(axes, x, y, band, name='vgdp')
-        plots.mark(axes, shipped=shipped, greedy=greedy)
-    panels[2].set_ylim(bottom=0)
-    plots.legend(panels[1])
+    plots.score_curves(success, spl, x, found, 'vgdp', 0)
+    plots.curve(time, x, [score.ms_per_decision for score in found], name='vgdp')
+    time.set_ylim(bottom=0)
+    if 'vgdp' in scores:
+        shipped = place.methods['vgdp'].settings['planner'][setting]
+        for axes in panels:
+            plots.mark_shipped(axes, shipped)
+    if 'greedy' in scores:
+        greedy = scores['greedy']
+        plots.mark_greedy(success, greedy.summary.success)
+        plots.mark_greedy(spl, greedy.summary.spl)
+        plots.mark_greedy(time, greedy.ms_per_decision)
+    plots.legend(spl)
     return figure
 
 

@@ -132,6 +132,8 @@ def _page(values: dict[str, Any]) -> Page:
     figure, (left, right) = plots.panels(2, 'Where am I? From views of a known maze alone')
     plots.label(left, 'steps', 'entropy of the belief in bits')
     plots.label(right, 'steps', 'error of the most likely cell, in cells')
+    for axes in (left, right):
+        axes.locator_params(axis='x', integer=True)
     rows = []
     for color, (view_range, curves) in enumerate(values['view_ranges'].items()):
         steps = range(len(curves['entropy']))

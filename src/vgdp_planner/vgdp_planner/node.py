@@ -277,6 +277,7 @@ class PlannerNode(BaseNode[PlannerParameters]):
         reason = {
             'exhausted': 'nothing reachable is left to see and no goal was seen',
             'unreachable': 'the goal was seen, but no way leads there',
+            'stuck': 'no sampled plan begins with a safe step',
         }[plan.status]
         self.diagnostics.report(DiagnosticStatus.WARN, f'{plan.status}: {reason}')
         self.warn(plan.status, f'Stopped: {reason}.')

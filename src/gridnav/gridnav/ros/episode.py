@@ -11,8 +11,9 @@ from gridnav.metrics import Outcome
 from gridnav.ros.conversions import NANOSECONDS
 from gridnav.ros.validation import InvalidMessage
 
-PLANNER_GAVE_UP = ('exhausted', 'unreachable')
-"""What a planner says when it stops: nothing reachable is left to see, or no way to the goal."""
+PLANNER_GAVE_UP = ('exhausted', 'unreachable', 'stuck')
+"""What a planner says when it stops: nothing reachable is left to see, no way to the goal, or no
+plan with a safe first step."""
 
 START_KEY = 'start'
 _START = re.compile(r'(\d{1,10})\.(\d{9})')

@@ -26,7 +26,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     'voting': {'selection': 'vote', **SAMPLES_ALONE},
     'guidance': SAMPLES_ALONE,
     'guidance_memory': {'greedy_fallback': False},
-    'gradient_guidance': {'greedy_fallback': False, 'guidance': 1.0},
+    'gradient_guidance': {'greedy_fallback': False, 'guidance': 0.3},
     'greedy': {'candidates': 0, 'memory': False, 'greedy_fallback': True},
 }
 """Settings of the planner in which each variant differs from what the weights come with.

@@ -243,3 +243,116 @@ def test_paper_preset_plans() -> None:
     plan: Plan = ValueGuidedPlanner(small).plan(*first_view())
     assert plan.committed
     assert plan.source in ('sampled', 'greedy')
+
+
+def variant(**settings: Any) -> ValueGuidedPlanner:  # noqa: ANN401
+    """Return the shipped planner with other settings."""
+    return ValueGuidedPlanner.from_pretrained(settings=settings)
+
+
+def views(count: int = 6) -> MazeSimulation:
+    """Return robots that have walked a while through mazes of their own."""
+    simulation = MazeSimulation(make_mazes(count, 15, 11))
+    planner = variant(candidates=0, execute=1)
+    for _ in range(8):
+        plans = planner.plan_batch(simulation.partial_maps, simulation.cells)
+        simulation.step(np.array([plan.committed[0] for plan in plans]))
+    return simulation
+
+
+def test_settings_replace_those_of_the_weights() -> None:
+    """Settings are taken over, and refused by name if they are none or out of range."""
+    assert variant(candidates=3).config.planner.candidates == 3
+    with pytest.raises(ValueError, match='nonsense'):
+        variant(nonsense=1)
+    with pytest.raises(ValueError, match='-1'):
+        variant(candidates=-1)
+
+
+def test_timings_name_the_stages(planner: ValueGuidedPlanner) -> None:
+    """What the last decision took is told by stage."""
+    planner.plan(*first_view())
+    assert set(planner.last_timings) == {'sampling', 'value', 'scoring', 'rest'}
+    assert all(seconds > 0 for seconds in planner.last_timings.values())
+
+
+def test_without_candidates_all_steps_are_greedy() -> None:
+    """No samples, no memory: the greedy plan is the only candidate."""
+    simulation = views()
+    planner = variant(candidates=0, memory=False)
+    for _ in range(2):
+        for plan in planner.plan_batch(simulation.partial_maps, simulation.cells):
+            assert plan.source == 'greedy'
+            assert plan.candidates.shape == (1, planner.config.policy.horizon)
+    with pytest.raises(ValueError, match='greedy_fallback'):
+        variant(candidates=0, greedy_fallback=False)
+
+
+def test_single_sample_is_executed_or_nothing() -> None:
+    """One candidate is followed as far as it is safe; where it is not safe at all, none is."""
+    simulation = views(16)
+    planner = variant(candidates=1, memory=False, greedy_fallback=False, look_first=False)
+    statuses = set()
+    for _ in range(8):
+        for plan in planner.plan_batch(simulation.partial_maps, simulation.cells):
+            statuses.add(plan.status)
+            if plan.status == 'ok':
+                assert plan.source == 'sampled'
+                assert plan.committed == plan.candidates[0, : len(plan.committed)].tolist()
+            else:
+                assert (plan.committed, plan.source) == ([], 'none')
+                assert np.isneginf(plan.candidate_values).all()
+    assert statuses == {'ok', 'stuck'}
+
+
+def test_the_most_frequent_begin_is_voted_for() -> None:
+    """Of the candidates with a safe first step, none begins like more others."""
+    simulation = views()
+    planner = variant(selection='vote', memory=False, greedy_fallback=False)
+    for plan in planner.plan_batch(simulation.partial_maps, simulation.cells):
+        begins = [tuple(begin) for begin in plan.candidates[:, :2].tolist()]
+        safe = np.isfinite(plan.candidate_values)
+        votes = np.array([begins.count(begin) for begin in begins])
+        assert begins.count(tuple(plan.actions[:2].tolist())) == votes[safe].max()
+        assert int(plan.value) == votes[safe].max()
+
+
+@pytest.mark.parametrize('settings', [{}, {'agreement': 100.0}, {'selection': 'vote'}])
+def test_committed_steps_lose_nothing_against_greedy_ones(settings: dict[str, Any]) -> None:
+    """However the candidates are chosen, the steps bring the goal as close as greedy ones."""
+    simulation = views(12)
+    planner = variant(**settings)
+    plans = planner.plan_batch(simulation.partial_maps, simulation.cells)
+    assert sum(plan.source == 'sampled' for plan in plans) > len(plans) / 2
+    for plan, start in zip(plans, simulation.cells, strict=True):
+        assert DONE not in plan.committed
+        steps = STEPS[plan.committed]
+        risen = plan.value_map[tuple(start + steps.sum(axis=0))] - plan.value_map[tuple(start)]
+        assert risen == pytest.approx(np.hypot(*steps.T).sum(), abs=0.3)
+
+
+def test_guidance_makes_better_samples() -> None:
+    """Samples that are pulled towards high values score higher on average."""
+    simulation = views()
+    means = []
+    for guidance in (0.0, 0.3):
+        plans = variant(guidance=guidance, sampling_steps=2).plan_batch(
+            simulation.partial_maps, simulation.cells
+        )
+        scores = np.stack([plan.candidate_values[:24] for plan in plans])
+        means.append(np.where(np.isfinite(scores), scores, -100).mean())
+    assert means[1] > means[0] + 1
+
+
+def test_looking_first_commits_to_fewer_steps() -> None:
+    """The plans are the same, but what is executed ends where something may come into view."""
+    simulation = views()
+    looking, blind = (
+        variant(look_first=look_first).plan_batch(simulation.partial_maps, simulation.cells)
+        for look_first in (True, False)
+    )
+    for one, other in zip(looking, blind, strict=True):
+        assert one.committed == other.committed[: len(one.committed)]
+    assert sum(len(plan.committed) for plan in looking) < sum(
+        len(plan.committed) for plan in blind
+    )

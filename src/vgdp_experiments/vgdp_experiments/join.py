@@ -20,7 +20,8 @@ A diffusion policy, a value function and a belief filter for grids of any size. 
 `vgdp_planner.ValueGuidedPlanner.from_pretrained()`. They see the partial map and the belief,
 nothing else.
 
-{trained_on} They have not been trained on maps of real places.
+{trained_on}
+Neither was trained on maps of real places.
 
 `model.safetensors` holds the tensors, `config.json` the configuration and the training settings.
 
@@ -92,8 +93,8 @@ def trained_on(name: str, demonstrations: dict[str, Any]) -> str:
     ranges = [world.view_range for world in WORLDS]
     return (
         f'The value function was trained on worlds of {min(sizes)} to {max(sizes)} cells a side '
-        f'with view ranges {min(ranges)} to {max(ranges)} ({", ".join(kinds)}), the policy on '
-        f'mazes of {size} x {size} with {seen}, some of them with loops.'
+        f'with\nview ranges {min(ranges)} to {max(ranges)} ({", ".join(kinds)}), the policy\non '
+        f'such worlds of {size} x {size} with {seen}.'
     )
 
 

@@ -20,10 +20,10 @@ from vgdp_experiments.data import (
 )
 from vgdp_experiments.map_codes import pack, unpack
 from vgdp_experiments.rollouts import (
-    PATIENCE,
     ExplorationSteps,
     explore,
     frontier_cells,
+    patience,
     worth_of_unseen,
 )
 from vgdp_experiments.train_value import turned, worth_losses
@@ -31,6 +31,8 @@ from vgdp_experiments.worlds import training_maze
 from vgdp_planner import ValueGuidedPlanner
 from vgdp_planner.config import preset
 from vgdp_planner.value import ValueNetwork
+
+SCALE = patience((3, 42))
 
 if TYPE_CHECKING:
     import argparse
@@ -90,7 +92,7 @@ def compared_at_first(start: int) -> ExplorationSteps:
 
 def success(costs: np.ndarray) -> float:
     """Return the mean of γ^cost."""
-    return float(np.exp(-costs / PATIENCE).mean())
+    return float(np.exp(-costs / SCALE).mean())
 
 
 def test_labels_are_the_mean_success_of_finding_a_goal(
@@ -127,9 +129,7 @@ def test_other_choices_are_tried_from_the_same_step() -> None:
     if_right = np.concatenate([right - at, 39 - at + 39 - left])
     for choice in range(2):
         costs = if_left if compared.targets[0, choice, 1] < at else if_right
-        from_here = compared.successes[0, choice] * np.exp(
-            -compared.distances[0, choice] / PATIENCE
-        )
+        from_here = compared.successes[0, choice] * np.exp(-compared.distances[0, choice] / SCALE)
         assert from_here == pytest.approx(success(costs), rel=1e-4)
 
 
@@ -146,7 +146,7 @@ def test_worth_learns_the_better_choice() -> None:
         optimizer.step()
     worth = worth_of_unseen(network, unpack(steps.codes))[0]
     there = worth[tuple(steps.targets[0, :2].T)]
-    wanted = np.log(steps.successes[0, :2]) * PATIENCE
+    wanted = np.log(steps.successes[0, :2]) * SCALE
     assert there - there.mean() == pytest.approx(wanted - wanted.mean(), abs=3.0)
 
 

@@ -7,7 +7,9 @@ possible, and that varies much less than the cost of reaching a single goal.
 
 The mean is one of γ^cost, a success that counts less the longer it takes, and not of the costs:
 what is found late hardly counts any more, so an explorer does well to look first where most of
-the goals may be, as SPL rewards it, and leaves the odd corner for later.
+the goals may be, as SPL rewards it, and leaves the odd corner for later. The patience, after
+which a success counts e times less (γ = exp(-1 / patience)), grows with the map's side: on large
+maps all goals take long.
 
 What decides is not what a choice costs but what it costs beside the others. So some steps are
 taken again in another way: the explorer is put back to where it was, with what it knew, and sent
@@ -52,8 +54,11 @@ CHOICE_TEMPERATURE = 3.0
 CLOSE_CALL = 12.0
 """Choices that look worse by more cells than this are not tried."""
 
-PATIENCE = 30.0
-"""The cost in cells after which a success counts e times less: γ = exp(−1 / PATIENCE)."""
+PATIENCE_SIDES = 2.0
+"""A success counts e times less after a cost of so many sides of the map."""
+
+LATE = 5.0
+"""What other choices lead to is followed until successes count exp(-LATE) times."""
 
 KEPT_SHARE = 0.25
 """Share of the steps that are kept whose choice was not compared with others."""
@@ -68,7 +73,7 @@ class ExplorationSteps:
         targets: The unseen cells (row, col) that the explorer was heading to, (N, K, 2).
         distances: How far they are, float32 (N, K); inf where there is no further choice.
         successes: Mean of γ^cost over the possible goals that had not been seen, by the cost that
-            is still to come once the explorer is there, float32 (N, K).
+            is still to come once the explorer is there, float32 (N, K); γ = exp(-1 / `patience`).
         weights: Share of the possible goals that had not been seen, float32 (N,).
     """
 
@@ -182,6 +187,11 @@ def best_actions(
     return ahead.argmax(axis=1), ~obstacle & (values > UNREACHED / 2)
 
 
+def patience(shape: tuple[int, int]) -> float:
+    """Return the cost in cells after which a success counts e times less on such maps."""
+    return PATIENCE_SIDES * max(shape)
+
+
 def frontier_cells(partial_maps: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Return the unseen cells that a step from an observed free cell leads to, (B, H, W).
 
@@ -225,7 +235,9 @@ class _Notes:
         successes = np.zeros((len(rows), CHOICES), dtype=np.float32)
         targets[:, 0] = self.targets[rows]
         distances[:, 0] = self.distances[rows]
-        successes[:, 0] = self.successes[rows] * np.exp(self.distances[rows] / PATIENCE)
+        successes[:, 0] = self.successes[rows] * np.exp(
+            self.distances[rows] / patience(self.codes.shape[1:])
+        )
         weights = self.weights[rows].astype(np.float32)
         return ExplorationSteps(self.codes[rows], targets, distances, successes, weights)
 
@@ -264,14 +276,22 @@ def explore(
         pulls = np.zeros((len(again), *possible.shape[1:]), dtype=np.float32)
         pulls[np.arange(len(again)), targets[part, 0], targets[part, 1]] = PULL
         sibling = _explore(
-            again, possible[notes.rows[origin]], network, view_range, notes.codes[origin], pulls
+            again,
+            possible[notes.rows[origin]],
+            network,
+            view_range,
+            notes.codes[origin],
+            pulls,
+            LATE * patience(possible.shape[1:]),
         )
         # Each row was looked at before its first step.
         first = np.searchsorted(sibling.rows[: len(again)], np.arange(len(again)))
         place = rows[part], choices[part]
         groups.targets[place] = targets[part]
         groups.distances[place] = distances[part]
-        groups.successes[place] = sibling.successes[first] * np.exp(distances[part] / PATIENCE)
+        groups.successes[place] = sibling.successes[first] * np.exp(
+            distances[part] / patience(possible.shape[1:])
+        )
         parts.append(sibling.as_steps(_some(sibling, rng)))
     compared = np.isfinite(groups.distances).sum(axis=1) > 1
     return ExplorationSteps.joined([*parts, groups.take(compared)])
@@ -288,8 +308,9 @@ def _explore(
     view_range: int,
     known: NDArray[np.uint8] | None = None,
     pulls: NDArray[np.float32] | None = None,
+    most_cost: float = np.inf,
 ) -> _Notes:
-    """Explore mazes completely, from their starts and from what is known of them.
+    """Explore mazes, from their starts and from what is known of them.
 
     Args:
         mazes: B of one shape.
@@ -298,6 +319,7 @@ def _explore(
         view_range: Cells that a view reaches to each side.
         known: What has been seen before, packed, (B, H, W).
         pulls: Added to the worth of the unseen, (B, H, W).
+        most_cost: An exploration ends when it has cost so much, and completely before.
     """
     count = len(mazes)
     height, width = mazes[0].blocked.shape
@@ -312,7 +334,7 @@ def _explore(
         _note_found(found_at, maps, simulation)
         rows = explorer.look(maps, simulation.active)
         actions, reached = explorer.at(simulation.cells)
-        simulation.give_up(np.flatnonzero(~reached))
+        simulation.give_up(np.flatnonzero(~reached | (simulation.path_costs >= most_cost)))
         if not noted:
             stuck = np.flatnonzero(~simulation.active)
             if len(stuck):
@@ -328,10 +350,10 @@ def _explore(
     rows, codes, cells, targets, distances, spent = (
         np.concatenate(part) for part in zip(*noted, strict=True)
     )
-    still_open = possible[rows] & (codes == 0) & np.isfinite(found_at)[rows]
+    still_open = possible[rows] & (codes == 0)
     number = still_open.sum(axis=(1, 2))
     still_to_come = np.where(still_open, found_at[rows] - spent[:, None, None], np.inf)
-    total = np.exp(-still_to_come / PATIENCE).sum(axis=(1, 2))
+    total = np.exp(-still_to_come / patience((height, width))).sum(axis=(1, 2))
     successes = total / np.maximum(number, 1)
     weights = number / np.maximum(possible.sum(axis=(1, 2))[rows], 1)
     return _Notes(rows, codes, cells, targets, distances, successes, weights)

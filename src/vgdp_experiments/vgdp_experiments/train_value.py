@@ -22,7 +22,7 @@ from tqdm import tqdm
 from maze_sim import make_mazes
 from vgdp_experiments.map_codes import unpack
 from vgdp_experiments.options import add_settings, read_settings
-from vgdp_experiments.rollouts import PATIENCE, ExplorationSteps, explore
+from vgdp_experiments.rollouts import ExplorationSteps, explore, patience
 from vgdp_experiments.train_dynamics import train_dynamics
 from vgdp_experiments.training import (
     Ema,
@@ -35,7 +35,7 @@ from vgdp_experiments.training import (
 from vgdp_planner.belief import BeliefFilter
 from vgdp_planner.config import preset
 from vgdp_planner.value import ValueNetwork
-from vgdp_planner.weights import save_weights
+from vgdp_planner.weights import load_part, save_weights
 
 if TYPE_CHECKING:
     import argparse
@@ -85,16 +85,16 @@ class TrainingWorld:
 
 
 WORLDS = (
-    TrainingWorld('maze', 15, 1, 0.13),
-    TrainingWorld('maze', 15, 2, 0.22),
-    TrainingWorld('maze', 15, 3, 0.13),
+    TrainingWorld('maze', 15, 1, 0.10),
+    TrainingWorld('maze', 15, 2, 0.18),
+    TrainingWorld('maze', 15, 3, 0.10),
     TrainingWorld('maze', 20, 2, 0.14),
-    TrainingWorld('maze', 30, 2, 0.14),
-    TrainingWorld('loops', 15, 2, 0.06),
-    TrainingWorld('rooms', 20, 2, 0.05),
+    TrainingWorld('maze', 30, 2, 0.28),
+    TrainingWorld('loops', 15, 2, 0.05),
+    TrainingWorld('rooms', 20, 2, 0.04),
     TrainingWorld('rooms', 24, 3, 0.03),
-    TrainingWorld('caves', 20, 2, 0.05),
-    TrainingWorld('obstacles', 20, 2, 0.05),
+    TrainingWorld('caves', 20, 2, 0.04),
+    TrainingWorld('obstacles', 20, 2, 0.04),
 )
 
 
@@ -104,6 +104,8 @@ class ValueTraining:
 
     Attributes:
         out: Folder for weights, logs, explorations and checkpoints.
+        initial: Folder with weights to go on from, whose rules of the world are kept; none if
+            empty.
         seed: Of everything random.
         dynamics_steps: Optimisation steps on the rules of the world.
         rounds: Rounds of exploring and learning.
@@ -118,6 +120,7 @@ class ValueTraining:
     """
 
     out: str = 'runs/value'
+    initial: str = ''
     seed: int = 0
     dynamics_steps: int = 3000
     rounds: int = 6
@@ -143,6 +146,9 @@ def run(arguments: argparse.Namespace) -> int:
     torch.manual_seed(settings.seed)
     config = preset('default')
     both = ValueParts(ValueNetwork(config.value), BeliefFilter())
+    if settings.initial:
+        both.value.load_state_dict(load_part(settings.initial, 'value')[1])
+        both.belief.load_state_dict(load_part(settings.initial, 'belief')[1])
     losses = train(both, settings)
     training = {'value': {**asdict(settings), 'losses': losses}}
     save_weights(Path(settings.out), config, both.state_dict(), training)
@@ -165,8 +171,11 @@ def train(both: ValueParts, settings: ValueTraining) -> dict[str, float]:
     ]
     optimizer = torch.optim.AdamW(worth_parameters, lr=settings.learning_rate, weight_decay=1e-2)
     ema = Ema(both, settings.ema)
+    initial = {name: tensor.clone() for name, tensor in both.state_dict().items()}
     done = load_checkpoint(folder, both, ema, optimizer, asdict(settings))
     losses: dict[str, float] = {}
+    if settings.initial:
+        save_file(initial, folder / _INITIAL_WEIGHTS)
     with ProcessPoolExecutor(settings.workers, get_context('spawn')) as pool:
         explorations = [
             Exploration(pool, folder, settings, number) for number in range(settings.rounds)
@@ -174,7 +183,7 @@ def train(both: ValueParts, settings: ValueTraining) -> dict[str, float]:
         for number in range(done // settings.steps, settings.rounds):
             for one in explorations[max(0, number - ROUNDS_KEPT + 1) : number + AHEAD]:
                 one.begin()
-            if number == 0:
+            if number == 0 and not settings.initial:
                 losses = train_dynamics(
                     network, both.belief, settings.dynamics_steps, settings.seed
                 )
@@ -193,6 +202,7 @@ def train(both: ValueParts, settings: ValueTraining) -> dict[str, float]:
     return losses
 
 
+_INITIAL_WEIGHTS = 'initial.safetensors'
 _WEIGHTS_OF_ROUND = 'round_{}.safetensors'
 _SAMPLES_OF_ROUND = 'round_{}_world_{}.npz'
 
@@ -226,7 +236,7 @@ class Exploration:
         if self._parts or self._samples or all(file.exists() for file in self._files()):
             return
         settings = self._settings
-        weights = None
+        weights = str(self._folder / _INITIAL_WEIGHTS) if settings.initial else None
         if self._number >= AHEAD:
             weights = str(self._folder / _WEIGHTS_OF_ROUND.format(self._number - AHEAD))
         for index, world in enumerate(WORLDS):
@@ -380,7 +390,7 @@ def turned(samples: ExplorationSteps, rng: np.random.Generator) -> ExplorationSt
 
 
 def worth_losses(network: ValueNetwork, samples: ExplorationSteps) -> dict[str, Tensor]:
-    """Return the losses of what the unseen is worth, τ log E[γ^cost] with τ = `PATIENCE`.
+    """Return the losses of what the unseen is worth, τ log E[γ^cost] with τ = `patience`.
 
     'level' is the Poisson deviance of the successes, whose minimum is at their mean.
     'differences' is the cross-entropy of the successes that each of several choices would have
@@ -392,6 +402,7 @@ def worth_losses(network: ValueNetwork, samples: ExplorationSteps) -> dict[str, 
         samples: A batch.
     """
     count = len(samples)
+    scale = patience(samples.codes.shape[1:])
     with torch.autocast('cpu', dtype=torch.bfloat16):
         worth, level = network.worth_and_level(torch.from_numpy(unpack(samples.codes)))
     targets, distances = torch.from_numpy(samples.targets), torch.from_numpy(samples.distances)
@@ -401,13 +412,13 @@ def worth_losses(network: ValueNetwork, samples: ExplorationSteps) -> dict[str, 
     several = tried.sum(dim=1) > 1
     weights = torch.from_numpy(samples.weights)
 
-    logarithms = (worth_there + level.float()[:, None]) / PATIENCE
+    logarithms = (worth_there + level.float()[:, None]) / scale
     deviances = torch.where(tried, logarithms.exp() - successes * logarithms, 0.0)
     level_loss = deviances.sum(dim=1) / tried.sum(dim=1)
 
     looks = torch.where(tried, worth_there - distances, -torch.inf)
-    from_here = torch.where(tried, successes * torch.exp(-distances / PATIENCE), 0.0)
-    chances = torch.where(tried, torch.log_softmax(looks / PATIENCE, dim=1), 0.0)
+    from_here = torch.where(tried, successes * torch.exp(-distances / scale), 0.0)
+    chances = torch.where(tried, torch.log_softmax(looks / scale, dim=1), 0.0)
     differences = -(from_here * chances).sum(dim=1)
     chosen = from_here.gather(1, looks.argmax(dim=1, keepdim=True))[:, 0]
     missed = (

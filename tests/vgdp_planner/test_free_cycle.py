@@ -174,16 +174,26 @@ def test_small_blocks_are_kept_once_they_were_needed() -> None:
     """Lest the grid changes with every map."""
     occupancy = np.full(GEOMETRY.shape, 100, dtype=np.int8)
     occupancy[1:-1, 1:-1] = 0
-    occupancy[:, 30] = 100
-    occupancy[11:14, 30] = 0
+    # The goal is in the robot's block, but on the other side of a wall with a door far away.
+    occupancy[:, 24] = 100
+    occupancy[33:38, 24] = 0
     cycle = FreeCycle(GridSettings(0.0, 0.8))
-    cycle.set_goal(1, 2.5, 1.5)
+    cycle.set_goal(1, 1.4, 1.1)
     cycle.add_map(5, occupancy, GEOMETRY)
-    cycle.add_pose(at(0.3))
-    first = go(cycle, blocks=1)
+    cycle.add_pose(at(1.0))
+    first = go(cycle, blocks=0, done=True)
     assert first.grid.geometry.resolution < 0.8
     cycle.add_map(6, np.zeros_like(occupancy), GEOMETRY)
     cycle.set_goal(7, 0.3, 0.3)
     second = cycle.observation()
     assert second is not None
     assert second.grid.geometry.resolution == first.grid.geometry.resolution
+
+
+def test_plans_again_at_the_end_of_the_way(cycle: FreeCycle) -> None:
+    """Who follows it may never have been in the block of the committed steps."""
+    go(cycle, blocks=4)
+    cycle.add_pose(at(1.1))
+    observation = cycle.observation()
+    assert observation is not None
+    assert not observation.in_step

@@ -41,9 +41,16 @@ class _Plan:
         return self.decision.actions > 0 and not self.decision.done
 
     def ends_at(self, place: Point) -> bool:
-        """Tell whether a place is in the block in which the committed steps end."""
-        away = np.abs(np.subtract(place, self.target)).max()
-        return self.is_going and bool(away <= self.resolution / 2)
+        """Tell whether a place is where to plan again.
+
+        That is the block in which the committed steps end, or the end of the whole way: who
+        follows it may cut the corner of a block.
+        """
+        if not self.is_going:
+            return False
+        in_target = np.abs(np.subtract(place, self.target)).max() <= self.resolution / 2
+        at_end = np.hypot(*np.subtract(place, self.decision.way[-1])) <= self.resolution / 2
+        return bool(in_target or at_end)
 
     def is_in_step(self, grid: PlanningGrid) -> bool:
         """Tell whether the robot's block on a grid is the one in which the steps end."""
@@ -62,9 +69,9 @@ class _Plan:
 class FreeCycle:
     """Lets the planner plan when the robot has carried out what was committed, or can not.
 
-    That is when it enters the block in which the committed steps end, when the newest map has an
-    obstacle in its way, when the goal changes, and when it does not move any more. In between the
-    plan stands.
+    That is when it enters the block in which the committed steps end, when it comes to the end of
+    the way, when the newest map has an obstacle on it, when the goal changes, and when it does not
+    move any more. In between the plan stands.
 
     Args:
         settings: How a map becomes a planning grid.

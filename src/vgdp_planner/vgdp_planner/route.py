@@ -45,6 +45,21 @@ def known_way(partial_map: NDArray[np.float32], cell: Cell, actions: Sequence[in
     return cells
 
 
+def seen_way(partial_map: NDArray[np.float32], cells: Sequence[Cell]) -> list[Cell]:
+    """Return the cells of a plan up to the first one that has not been seen, which is included.
+
+    The value of a plan ends there: what it would do after looking around is anybody's guess.
+
+    Args:
+        partial_map: (3, H, W).
+        cells: The plan; the first one is where the robot is.
+    """
+    for index, cell in enumerate(cells[1:], start=1):
+        if partial_map[(FREE, *cell)] == 0:
+            return list(cells[: index + 1])
+    return list(cells)
+
+
 def find_route(
     planner: ValueGuidedPlanner, grid: PlanningGrid, seed: int, time_limit: float
 ) -> NDArray[np.float64]:
@@ -82,7 +97,7 @@ def find_route(
         # From where a whole plan led back to, what is committed makes progress.
         actions = plan.committed if cells[-1] in begun else plan.actions.tolist()
         begun.add(cells[-1])
-        cells += known_way(partial_map, cells[-1], actions)[1:]
+        cells += seen_way(partial_map, known_way(partial_map, cells[-1], actions))[1:]
         for cell in cells:
             partial_map[(FREE, *cell)] = 1.0
         if time.monotonic() > ends:

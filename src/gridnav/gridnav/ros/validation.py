@@ -25,7 +25,7 @@ if TYPE_CHECKING:
         PoseWithCovarianceStamped,
         Quaternion,
     )
-    from nav_msgs.msg import OccupancyGrid, Odometry
+    from nav_msgs.msg import OccupancyGrid, Odometry, Path
     from std_msgs.msg import Header
 
 MAX_CELLS = 4096 * 4096
@@ -105,6 +105,13 @@ def validate_odometry(message: Odometry, frames: Collection[str] = ()) -> None:
     """Refuse an odometry message that can't be used; its twist is not looked at."""
     validate_header(message.header, frames)
     validate_pose(message.pose.pose)
+
+
+def validate_path(message: Path, frames: Collection[str] = ()) -> None:
+    """Refuse a path that can't be used; an empty one is fine."""
+    validate_header(message.header, frames)
+    for pose in message.poses:
+        validate_position(pose.pose.position)
 
 
 def validate_pose_with_covariance(

@@ -14,6 +14,7 @@ from vgdp_planner.route import (
     RouteTimeoutError,
     find_route,
     known_way,
+    onward_way,
     seen_way,
 )
 
@@ -70,3 +71,11 @@ def test_ways_end_at_obstacles_and_at_the_unseen() -> None:
     assert way == [(1, 1), (1, 2), (1, 3), (1, 4)]
     assert seen_way(partial_map, way) == [(1, 1), (1, 2), (1, 3)]
     assert seen_way(partial_map, way[:2]) == way[:2]
+
+
+def test_a_plan_that_comes_back_ends_before_it() -> None:
+    """Committed steps are all there; what leads back beside them is not."""
+    out = [(0, 0), (0, 1), (0, 2), (0, 3), (1, 4)]
+    assert onward_way(out, 2) == out
+    assert onward_way([*out[:4], (1, 2), (1, 1), (1, 0)], 2) == out[:4]
+    assert onward_way([(0, 0)], 0) == [(0, 0)]

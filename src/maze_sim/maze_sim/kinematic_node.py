@@ -37,7 +37,7 @@ TICK_S = 0.05
 """So often the robot moves in real time and says where it is."""
 
 COMMAND_LIFE_S = 0.5
-"""In real time a robot stops that hears no command for this long."""
+"""A robot that hears no command for this long stops, and says again where it is."""
 
 
 @dataclass
@@ -147,17 +147,17 @@ class KinematicNode(BaseNode[KinematicParameters]):
             msg = f'It is not finite {command}.'
             raise InvalidMessage(msg)
         self._command = command
-        step = self.parameters.command_step
-        if step > 0:
-            self._drive(step)
-        else:
-            self._command_ends = self._seconds() + COMMAND_LIFE_S
+        self._command_ends = self._seconds() + COMMAND_LIFE_S
+        if self.parameters.command_step > 0:
+            self._drive(self.parameters.command_step)
 
     def _on_tick(self) -> None:
+        idle = self._seconds() > self._command_ends
         if self.parameters.command_step > 0:
-            self._publish_state()
+            if idle:
+                self._publish_state()
             return
-        if self._seconds() > self._command_ends:
+        if idle:
             self._command = (0.0, 0.0)
         self._drive(TICK_S)
 

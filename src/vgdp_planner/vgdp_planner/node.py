@@ -40,7 +40,14 @@ from gridnav.ros.validation import (
 from vgdp_planner.cycle import Decision, Observation, PlanningCycle
 from vgdp_planner.free_cycle import FreeCycle
 from vgdp_planner.planning_grid import GoalState, GridSettings, OccupiedError, OutsideMapError
-from vgdp_planner.route import NoRouteError, RouteTimeoutError, find_route, known_way, seen_way
+from vgdp_planner.route import (
+    NoRouteError,
+    RouteTimeoutError,
+    find_route,
+    known_way,
+    onward_way,
+    seen_way,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -335,9 +342,9 @@ class PlannerNode(BaseNode[PlannerParameters]):
         stamp, grid = observation.stamp, observation.grid
         going = plan.status == 'ok'
         blocks = known_way(grid.partial_map, grid.start, plan.actions.tolist() if going else [])
-        if self.moves_by_itself:
-            blocks = seen_way(grid.partial_map, blocks)
         moves = min(sum(action != DONE for action in plan.committed), len(blocks) - 1)
+        if self.moves_by_itself:
+            blocks = onward_way(seen_way(grid.partial_map, blocks), moves)
         way = grid.way(blocks, via=moves) if going else np.empty((0, 2))
         done = DONE in plan.committed
         decision = Decision(len(plan.committed), blocks[moves], done, way)

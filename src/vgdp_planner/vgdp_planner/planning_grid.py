@@ -14,8 +14,8 @@ such step has a way on the map, and none is lost:
    every step that is left leads through ground: that of its two blocks for a step along an axis,
    of three of them for a diagonal one.
 5. Where all this cut off the goal, or as much ground as a block has, further than a block away
-   from all that is left, it is done again with blocks of half the side. Blocks of one cell cut
-   off nothing.
+   from all that is left, it is done again with blocks of half the side. Ground that was not seen
+   counts only where nothing else is left to see. Blocks of one cell cut off nothing.
 
 Letters in shapes: H, W the planning grid, h, w the cells of the map under it, N points.
 """
@@ -371,19 +371,24 @@ class _Coarsening:
         pieces = _Pieces(is_ground, factor, [place for place in (goal, start) if place])
         blocks = _reached_blocks(pieces, _block(start, factor))
         standable = pieces.standable & _spread(blocks, factor)
-        lost = _is_cut_off(pieces.ground - blocks * pieces.sizes, blocks, factor)
-        if goal is not None and not standable[goal]:
-            lost |= bool(is_ground[goal])
-            state = 'unreachable'
-
+        seen_free = (values >= FREE_VALUE) & (values <= FREE_UP_TO)
+        partial_map = self._partial_map(values, seen_free, standable, pieces.is_open, factor)
         rows, cols = blocks.shape
         side = factor * fine.resolution
         geometry = GridGeometry(rows, cols, side, fine.origin_x, fine.origin_y)
-        partial_map = self._partial_map(values, standable, pieces.is_open, factor)
         for point in visited:
             block = geometry.cell_at(*point)
             if geometry.contains(*block) and blocks[block]:
                 partial_map[(FREE, *block)] = 1.0
+        cut = is_ground & ~standable
+        # What was not seen may be anything, so it counts only where nothing else is left to see.
+        if (blocks & (partial_map[FREE] == 0)).any():
+            cut &= seen_free
+        lost = _is_cut_off(_block_counts(cut, factor), blocks, factor)
+        if goal is not None and not standable[goal]:
+            lost |= bool(is_ground[goal])
+            state = 'unreachable'
+
         # A goal out of reach is not shown in a block that the robot can go to.
         if goal is not None and (state == 'ok' or not blocks[_block(goal, factor)]):
             partial_map[(GOAL, *_block(goal, factor))] = 1.0
@@ -472,12 +477,12 @@ class _Coarsening:
     def _partial_map(
         self,
         values: NDArray[np.int8],
+        seen_free: NDArray[np.bool_],
         standable: NDArray[np.bool_],
         is_open: NDArray[np.bool_],
         factor: int,
     ) -> NDArray[np.float32]:
         """Say of each block what the planner sees of it, (3, H, W)."""
-        seen_free = (values >= FREE_VALUE) & (values <= FREE_UP_TO)
         obstacles = _block_counts(values >= OCCUPIED_FROM, factor)
         # An open block is free when half of its piece was seen to be so. Blocks that the robot
         # can't get to are shown as they are, but closed where they touch one that is open.
@@ -504,7 +509,6 @@ class _Pieces:
 
     Attributes:
         standable: The pieces that count, bool (h, w).
-        ground: Cells of ground in each block, (H, W).
         is_open: Blocks that have one, bool (H, W).
         sizes: Cells of each block's piece, (H, W).
         factor: Side of a block.
@@ -519,8 +523,7 @@ class _Pieces:
         tiles = self.standable.reshape(shape).swapaxes(1, 2)
         kept = self._choose(tiles[tuple(mixed.T)], mixed, places)
         tiles[tuple(mixed.T)] = kept
-        self.ground = counts
-        self.sizes = counts.copy()
+        self.sizes = counts
         self.sizes[tuple(mixed.T)] = kept.sum(axis=(1, 2))
         self.is_open = counts > 0
 

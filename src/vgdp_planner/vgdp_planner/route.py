@@ -6,12 +6,13 @@ import copy
 import time
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from gridnav import DONE, FREE, OBSTACLE, STEPS, valid_moves
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from vgdp_planner.planner import ValueGuidedPlanner
@@ -57,6 +58,22 @@ def seen_way(partial_map: NDArray[np.float32], cells: Sequence[Cell]) -> list[Ce
     for index, cell in enumerate(cells[1:], start=1):
         if partial_map[(FREE, *cell)] == 0:
             return list(cells[: index + 1])
+    return list(cells)
+
+
+def onward_way(cells: Sequence[Cell], committed: int) -> list[Cell]:
+    """Return the cells of a plan up to where it comes back after the committed steps.
+
+    By then there is another plan, and who follows the path would cut off its turn.
+
+    Args:
+        cells: The plan; the first one is where the robot is.
+        committed: How many steps are committed.
+    """
+    begun = np.array(cells[:committed]).reshape(-1, 2)
+    for index in range(committed + 1, len(cells)):
+        if (np.abs(begun - cells[index]).max(axis=1) <= 1).any():
+            return list(cells[:index])
     return list(cells)
 
 

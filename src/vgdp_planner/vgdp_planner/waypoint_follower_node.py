@@ -37,7 +37,12 @@ class FollowerParameters:
     """Parameters of the node."""
 
     rate: float = parameter(
-        20.0, 'Commands in a second', unit='Hz', low=1.0, high=200.0, read_only=True
+        20.0,
+        'Commands in a second, one for each pose at most',
+        unit='Hz',
+        low=1.0,
+        high=200.0,
+        read_only=True,
     )
     stamped: bool = parameter(
         default=False, description='Whether cmd_vel is a TwistStamped', read_only=True
@@ -106,6 +111,7 @@ class WaypointFollowerNode(BaseNode[FollowerParameters]):
         self._follower = PathFollower(self._settings())
         self._estimate: PoseEstimate | None = None
         self._heard_pose = self._heard_plan = time.monotonic()
+        self._answered: PoseEstimate | None = None
         self._reason = ''
         self._silent = True
         self._cmd_vel = self.advertise(
@@ -176,6 +182,10 @@ class WaypointFollowerNode(BaseNode[FollowerParameters]):
                 self._send(command)
             return
         self._silent = False
+        if self._answered is self._estimate and command.reason in ('driving', 'turning'):
+            # Steering again by the same pose would count the way since then twice.
+            return
+        self._answered = self._estimate
         self._send(command)
 
     def _command(self) -> Command:

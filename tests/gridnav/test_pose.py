@@ -64,3 +64,17 @@ def test_a_clock_that_went_back() -> None:
     assert tracker.estimate is not None
     assert tracker.estimate.stamp == 10
     assert tracker.estimate.pose == pytest.approx((4, 4, 0))
+
+
+def test_a_pose_on_the_map_that_overtakes_its_odometry() -> None:
+    """Until that comes the former one counts."""
+    tracker = PoseTracker()
+    tracker.add_odometry(10, Pose2D(0, 0, 0))
+    tracker.add_fix(PoseEstimate(10, Pose2D(5, 0, 0)))
+    tracker.add_fix(PoseEstimate(20, Pose2D(6.1, 0, 0)))
+    assert tracker.estimate is not None
+    assert tracker.estimate.pose == pytest.approx((5, 0, 0))
+    tracker.add_odometry(20, Pose2D(1, 0, 0))
+    assert tracker.estimate.pose == pytest.approx((6.1, 0, 0))
+    tracker.add_odometry(30, Pose2D(2, 0, 0))
+    assert tracker.estimate.pose == pytest.approx((7.1, 0, 0))

@@ -165,16 +165,16 @@ def explore(node_process: StartNode, probe: Probe, size: int, seed: int, timeout
         FOLLOWER,
         {
             'rate': 80.0,
-            'max_speed': 1.0,
+            'max_speed': 0.8,
             'max_turn_rate': 2.0,
-            'robot_radius': 0.22,
+            'robot_radius': 0.2,
             'plan_timeout': 30.0,
             'pose_timeout': 30.0,
             **source,
         },
     ).wait_output('Following plan')
     planner.wait_output('Planning with')
-    node_process(SIM, {'size': size, 'seed': seed, 'command_step': 0.05})
+    node_process(SIM, {'size': size, 'seed': seed, 'radius': 0.15, 'command_step': 0.05})
     wait_for(lambda: episode and episode[-1].message != 'running', timeout)
     assert episode[-1].message == 'success'
     assert len(plans) > 3

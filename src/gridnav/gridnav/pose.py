@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 KEPT_ODOMETRY = 500
-"""No more poses of the odometry are kept than this; a correction older than them all is used with
-the oldest."""
+"""No more poses of the odometry are kept than this; a pose on the map that is older than them all
+is used with the oldest."""
 
 
 class Pose2D(NamedTuple):
@@ -56,13 +56,14 @@ class PoseEstimate:
 class PoseTracker:
     """Brings odometry, which never jumps, and poses on the map, which come seldom, together.
 
-    A pose on the map says where the odometry's frame is; from then on the odometry moves the
-    robot. Without odometry the latest pose on the map counts.
+    A pose on the map says where the odometry's frame is, once the odometry of its time has come;
+    from then on the odometry moves the robot. Without odometry the latest pose on the map counts.
     """
 
     def __init__(self) -> None:
         self._odometry: deque[tuple[int, Pose2D]] = deque(maxlen=KEPT_ODOMETRY)
         self._fix: PoseEstimate | None = None
+        self._is_aligned = False
         self._odom_in_map: Pose2D | None = None
 
     def add_odometry(self, stamp: int, pose: Pose2D) -> None:
@@ -70,18 +71,27 @@ class PoseTracker:
         if self._odometry and stamp < self._odometry[-1][0]:
             self._odometry.clear()
         self._odometry.append((stamp, pose))
-        if self._fix is not None and self._odom_in_map is None:
-            self._align(self._fix)
+        self._align()
 
     def add_fix(self, fix: PoseEstimate) -> None:
         """Take in a pose on the map."""
         self._fix = fix
-        if self._odometry:
-            self._align(fix)
+        self._is_aligned = False
+        self._align()
 
-    def _align(self, fix: PoseEstimate) -> None:
-        _, nearest = min(self._odometry, key=lambda entry: abs(entry[0] - fix.stamp))
-        self._odom_in_map = fix.pose.compose(nearest.inverse())
+    def _align(self) -> None:
+        """Place the odometry's frame by the latest pose on the map, as soon as that can be."""
+        fix = self._fix
+        if fix is None or self._is_aligned or not self._odometry:
+            return
+        stamp, newest = self._odometry[-1]
+        if stamp >= fix.stamp:
+            # The two travel on their own: matched with what came before, the robot would lag.
+            _, newest = min(self._odometry, key=lambda entry: abs(entry[0] - fix.stamp))
+            self._is_aligned = True
+        elif self._odom_in_map is not None:
+            return
+        self._odom_in_map = fix.pose.compose(newest.inverse())
 
     @property
     def estimate(self) -> PoseEstimate | None:

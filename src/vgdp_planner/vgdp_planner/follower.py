@@ -21,6 +21,10 @@ LEAST_SPEED_SHARE = 0.15
 """Of the highest speed; slower the robot never drives, or it would not arrive."""
 
 
+ON_IT_M = 1e-6
+"""Nearer than this a point has no direction."""
+
+
 @dataclass
 class FollowerSettings:
     """How to follow.
@@ -41,7 +45,7 @@ class FollowerSettings:
     max_turn_rate: float = 1.0
     max_acceleration: float = 1.0
     lookahead: float = 0.4
-    turn_first: float = 0.8
+    turn_first: float = 0.6
     goal_tolerance: float = 0.1
     stop_distance: float = 0.6
     robot_radius: float = 0.0
@@ -120,18 +124,17 @@ class PathFollower:
             return Command(0.0, 0.0, 'arrived')
         if self._is_blocked(ahead[along <= s.stop_distance]):
             return Command(0.0, 0.0, 'obstacle')
-        target = self._target(place, ahead, along)
+        target = self._target(pose, ahead[along <= s.lookahead])
         if target is None:
             return Command(0.0, 0.0, 'obstacle')
-        dx, dy = target - place
-        distance = math.hypot(dx, dy)
-        bearing = math.remainder(math.atan2(dy, dx) - pose.yaw, math.tau)
+        distance, bearing = target
         if abs(bearing) > s.turn_first:
             # No faster than that the turn ends where the path lies.
             rate = min(s.max_turn_rate, abs(bearing) / period)
             return Command(0.0, math.copysign(rate, bearing), 'turning')
         curvature = 2 * math.sin(bearing) / distance
-        speed = s.max_speed * math.cos(bearing)
+        # Slower the more it has to turn, so that it is on the path again before it is fast.
+        speed = s.max_speed * (1 - abs(bearing) / s.turn_first)
         speed = min(speed, s.max_turn_rate / max(abs(curvature), 1e-6))
         speed = min(speed, self._speed + s.max_acceleration * period)
         # Brakes so as to stand at the end of the path.
@@ -152,26 +155,43 @@ class PathFollower:
         found = near if near.min() <= self.settings.lookahead else away
         self._passed += int(found.argmin())
 
-    def _target(
-        self, place: NDArray[np.float64], ahead: NDArray[np.float64], along: NDArray[np.float64]
-    ) -> NDArray[np.float64] | None:
-        """Return the furthest point within the lookahead to which a straight line is clear."""
-        for index in range(int(np.count_nonzero(along <= self.settings.lookahead)) - 1, -1, -1):
-            target = ahead[index]
-            distance = float(np.hypot(*(target - place)))
-            if distance < 1e-6:  # noqa: PLR2004 - on it
+    def _target(self, pose: Pose2D, ahead: NDArray[np.float64]) -> tuple[float, float] | None:
+        """Return how far and in which direction the furthest point is that can be headed for.
+
+        That is one to which the robot's way is clear: along an arc, or straight where it turns on
+        the spot first.
+
+        Args:
+            pose: Of the robot.
+            ahead: Points of the path, (N, 2).
+        """
+        for x, y in ahead[::-1].tolist():
+            distance = math.hypot(x - pose.x, y - pose.y)
+            if distance < ON_IT_M:
                 continue
-            if not self._is_blocked(self._line(place, target, distance)):
-                return target
+            bearing = math.remainder(math.atan2(y - pose.y, x - pose.x) - pose.yaw, math.tau)
+            if not self._is_blocked(self._way_to(pose, distance, bearing)):
+                return distance, bearing
         return None
 
-    def _line(
-        self, begin: NDArray[np.float64], end: NDArray[np.float64], length: float
-    ) -> NDArray[np.float64]:
-        resolution = self._map[1].resolution if self._map is not None else length
-        shares = np.linspace(0.0, 1.0, 2 + math.ceil(2 * length / resolution))
-        line: NDArray[np.float64] = begin + shares[:, None] * (end - begin)
-        return line
+    def _way_to(self, pose: Pose2D, distance: float, bearing: float) -> NDArray[np.float64]:
+        """Return points of the way to a point, (N, 2)."""
+        step = self._map[1].resolution / 2 if self._map is not None else distance
+        shares = np.linspace(0.0, 1.0, 2 + math.ceil(distance / step))
+        if abs(bearing) > self.settings.turn_first:
+            heading = np.full(len(shares), pose.yaw + bearing)
+            reach = shares * distance
+        else:
+            # An arc that begins ahead: after a share of its angle the chord has turned by half
+            # of that.
+            heading = pose.yaw + shares * bearing
+            half = max(abs(bearing), 1e-9)
+            reach = distance * np.sin(shares * half) / math.sin(half)
+        place = np.array([pose.x, pose.y])
+        way: NDArray[np.float64] = place + reach[:, None] * np.stack(
+            [np.cos(heading), np.sin(heading)], axis=-1
+        )
+        return way
 
     def _is_blocked(self, points: NDArray[np.float64]) -> bool:
         """Tell whether an obstacle is too near to a line of points.

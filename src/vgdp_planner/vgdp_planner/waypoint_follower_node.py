@@ -56,7 +56,7 @@ class FollowerParameters:
         0.4, 'How far ahead on the plan the robot heads for', unit='m', low=0.01, high=10.0
     )
     turn_first: float = parameter(
-        0.8,
+        0.6,
         'Where the plan lies further to the side than this, the robot turns on the spot',
         unit='rad',
         low=0.05,

@@ -194,9 +194,10 @@ def explore(node_process: StartNode, probe: Probe, size: int, seed: int, timeout
     assert checked
 
 
+@pytest.mark.timeout(240)
 def test_a_robot_explores_a_small_maze(node_process: StartNode, probe: Probe) -> None:
     """And reaches the goal without touching a wall."""
-    explore(node_process, probe, 11, 1, 90)
+    explore(node_process, probe, 9, 1, 150)
 
 
 @pytest.mark.slow

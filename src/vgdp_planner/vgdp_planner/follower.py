@@ -21,6 +21,9 @@ LEAST_SPEED_SHARE = 0.15
 """Of the highest speed; slower the robot never drives, or it would not arrive."""
 
 
+CURVE_SHARE = 0.6
+"""Of the highest speed; taken off where the robot turns as much as it may while it drives."""
+
 ON_IT_M = 1e-6
 """Nearer than this a point has no direction."""
 
@@ -134,7 +137,7 @@ class PathFollower:
             return Command(0.0, math.copysign(rate, bearing), 'turning')
         curvature = 2 * math.sin(bearing) / distance
         # Slower the more it has to turn, so that it is on the path again before it is fast.
-        speed = s.max_speed * (1 - abs(bearing) / s.turn_first)
+        speed = s.max_speed * (1 - CURVE_SHARE * abs(bearing) / s.turn_first)
         speed = min(speed, s.max_turn_rate / max(abs(curvature), 1e-6))
         speed = min(speed, self._speed + s.max_acceleration * period)
         # Brakes so as to stand at the end of the path.

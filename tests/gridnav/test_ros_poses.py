@@ -65,11 +65,11 @@ def test_from_amcl_pose(node_process: StartNode, probe: Probe) -> None:
     poses = probe.publisher(Odometry, 'odom', RELIABLE_QOS)
     wait_for(lambda: probe.node.count_publishers('estimate') > 0)
     fixes.publish(pose_on_map(5, 4.0, 3.0, -1.0))
+    node.wait_output('covariance')
     fixes.publish(pose_on_map(5, 4.0, 3.0, 0.25))
     wait_for(lambda: estimates)
     first = estimates[0].pose.position
     assert (first.x, first.y, first.z) == (4.0, 3.0, 0.5)
-    assert 'covariance' in node.output
     poses.publish(odometry(6, 1.0, 1.0))
     poses.publish(odometry(7, 2.0, 1.0))
     wait_for(lambda: len(estimates) == 3)

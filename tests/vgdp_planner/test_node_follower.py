@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import math
 import time
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from gridnav import GridGeometry
 from gridnav.ros.conversions import (
     from_occupancy_grid,
     header,
+    to_nanoseconds,
     to_occupancy_grid,
     to_odometry,
     to_path_of_points,
@@ -178,20 +180,21 @@ def explore(node_process: StartNode, probe: Probe, size: int, seed: int, timeout
     wait_for(lambda: episode and episode[-1].message != 'running', timeout)
     assert episode[-1].message == 'success'
     assert len(plans) > 3
-    # Every pose of every plan keeps off what was known then; the last map knows the most, so
-    # only plans of the very map are looked at.
-    by_stamp = {(m.header.stamp.sec, m.header.stamp.nanosec): m for m in maps}
-    checked = 0
+    # Every pose of every plan keeps off what was known then. A plan has the stamp of the newest of
+    # map and pose, so it was made on the latest map of no later stamp, or on the one before where
+    # the pose of that stamp was faster.
+    stamps = [to_nanoseconds(message.header.stamp) for message in maps]
     for plan in plans:
-        message = by_stamp.get((plan.header.stamp.sec, plan.header.stamp.nanosec))
-        if message is None:
-            continue
-        occupancy, geometry = from_occupancy_grid(message)
-        blocked = inflate(occupancy >= 50, 0.25 / geometry.resolution)
-        cells = [geometry.cell_at(p.pose.position.x, p.pose.position.y) for p in plan.poses]
-        assert not any(blocked[cell] for cell in cells if geometry.contains(*cell))
-        checked += 1
-    assert checked
+        latest = bisect.bisect_right(stamps, to_nanoseconds(plan.header.stamp)) - 1
+        assert any(keeps_off(plan, message) for message in maps[max(latest - 1, 0) : latest + 1])
+
+
+def keeps_off(plan: Path, message: OccupancyGrid) -> bool:
+    """Tell whether no pose of a plan is nearer than 0.25 m to an obstacle on a map."""
+    occupancy, geometry = from_occupancy_grid(message)
+    blocked = inflate(occupancy >= 50, 0.25 / geometry.resolution)
+    cells = [geometry.cell_at(p.pose.position.x, p.pose.position.y) for p in plan.poses]
+    return not any(blocked[cell] for cell in cells if geometry.contains(*cell))
 
 
 @pytest.mark.timeout(240)

@@ -8,9 +8,9 @@ such step has a way on the map, and none is lost:
 1. A cell of the map is *clear* when the robot's centre may be there: no obstacle reaches into the
    circle of the robot around it. Unseen cells are clear as far as is known.
 2. *Ground* is what is clear and connected with the robot. Everything else is closed.
-3. Of the ground in a block one connected piece counts: the largest one, or the one with the robot
-   or the goal in it. A block that has one is open.
-4. Where two open blocks side by side have pieces that do not touch, the smaller one is closed. So
+3. Of the ground in a block one connected piece counts: the one of which most was seen to be free,
+   or the one with the robot or the goal in it. A block that has one is open.
+4. Where two open blocks side by side have pieces that do not touch, the lesser one is closed. So
    every step that is left leads through ground: that of its two blocks for a step along an axis,
    of three of them for a diagonal one.
 5. Where all this cut off the goal, or as much ground as a block has, further than a block away
@@ -368,10 +368,11 @@ class _Coarsening:
         is_ground = labels == labels[start]
         goal, state = self._place_goal(is_ground, clear, to_window, factor)
 
-        pieces = _Pieces(is_ground, factor, [place for place in (goal, start) if place])
+        seen_free = (values >= FREE_VALUE) & (values <= FREE_UP_TO)
+        places = [place for place in (goal, start) if place]
+        pieces = _Pieces(is_ground, seen_free, factor, places)
         blocks = _reached_blocks(pieces, _block(start, factor))
         standable = pieces.standable & _spread(blocks, factor)
-        seen_free = (values >= FREE_VALUE) & (values <= FREE_UP_TO)
         partial_map = self._partial_map(values, seen_free, standable, pieces.is_open, factor)
         rows, cols = blocks.shape
         side = factor * fine.resolution
@@ -504,31 +505,44 @@ class _Pieces:
 
     Args:
         is_ground: (h, w).
+        seen_free: (h, w).
         factor: Side of a block.
         places: Cells whose pieces count whatever their size; the last one above all.
 
     Attributes:
         standable: The pieces that count, bool (h, w).
         is_open: Blocks that have one, bool (H, W).
-        sizes: Cells of each block's piece, (H, W).
+        sizes: Cells of each block's piece, (H, W). Those that were seen to be free count for more
+            than any number of others: what was seen is not given up for what may be there, such as
+            the inside of a wall.
         factor: Side of a block.
     """
 
-    def __init__(self, is_ground: NDArray[np.bool_], factor: int, places: Sequence[Cell]) -> None:
+    def __init__(
+        self,
+        is_ground: NDArray[np.bool_],
+        seen_free: NDArray[np.bool_],
+        factor: int,
+        places: Sequence[Cell],
+    ) -> None:
         self.factor = factor
         self.standable = is_ground.copy()
         counts = _block_counts(is_ground, factor)
         mixed = np.argwhere((counts > 0) & (counts < factor**2))
         shape = (counts.shape[0], factor, counts.shape[1], factor)
         tiles = self.standable.reshape(shape).swapaxes(1, 2)
-        kept = self._choose(tiles[tuple(mixed.T)], mixed, places)
-        tiles[tuple(mixed.T)] = kept
-        self.sizes = counts
-        self.sizes[tuple(mixed.T)] = kept.sum(axis=(1, 2))
+        seen = seen_free.reshape(shape).swapaxes(1, 2)[tuple(mixed.T)]
+        tiles[tuple(mixed.T)] = self._choose(tiles[tuple(mixed.T)], seen, mixed, places)
+        self.sizes = _block_counts(self.standable, factor)
+        self.sizes += factor**2 * _block_counts(self.standable & seen_free, factor)
         self.is_open = counts > 0
 
     def _choose(
-        self, tiles: NDArray[np.bool_], blocks: NDArray[np.int64], places: Sequence[Cell]
+        self,
+        tiles: NDArray[np.bool_],
+        seen_free: NDArray[np.bool_],
+        blocks: NDArray[np.int64],
+        places: Sequence[Cell],
     ) -> NDArray[np.bool_]:
         """Return one piece of each tile, all (M, factor, factor); tile m is of block m."""
         if not len(tiles):
@@ -538,6 +552,7 @@ class _Pieces:
         labels, _ = ndimage.label(np.pad(tiles, ((0, 0), (0, 1), (0, 0))).reshape(-1, k))
         labels = labels.reshape(-1, k + 1, k)[:, :k]
         sizes = np.bincount(labels.ravel())
+        sizes += k**2 * np.bincount(labels[seen_free], minlength=len(sizes))
         sizes[0] = 0
         for place in places:
             for tile in np.flatnonzero((blocks == _block(place, k)).all(axis=1)):

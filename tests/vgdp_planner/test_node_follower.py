@@ -205,7 +205,7 @@ def test_a_robot_explores_a_small_maze(node_process: StartNode, probe: Probe) ->
 
 @pytest.mark.slow
 @pytest.mark.timeout(400)
-@pytest.mark.parametrize('seed', [0, 3])
+@pytest.mark.parametrize('seed', [0, 1])
 def test_a_robot_explores_a_maze(node_process: StartNode, probe: Probe, seed: int) -> None:
     """Fifteen cells a side."""
     explore(node_process, probe, 15, seed, 300)

@@ -39,6 +39,7 @@ need python3 'Python 3' command -v "$python"
 "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' ||
   fail "Python 3.11 or newer is needed, $python is $("$python" -V 2>&1); name another one with PYTHON=... make setup."
 need python3-venv "the venv module of $python" "$python" -c 'import ensurepip, venv'
+need libusb-1.0-0 'libusb, which Open3D loads,' bash -c '/sbin/ldconfig -p | grep -q libusb-1.0.so'
 
 # .venv may be there from a run with or without ROS: its site setting has to match.
 wanted=$([ ${#site[@]} -gt 0 ] && echo true || echo false)

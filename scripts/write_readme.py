@@ -8,11 +8,13 @@ from pathlib import Path
 from bev_mapper.node import MapperParameters
 from gridnav.ros import qos
 from gridnav.ros.parameters import parameter_rows
+from maze_sim.kinematic_node import KinematicParameters
 from maze_sim.node import MazeSimParameters
 from vgdp_bringup.node import RecorderParameters
 from vgdp_bringup.topics import TOPICS
 from vgdp_experiments.report import Report, markdown
 from vgdp_planner.node import PlannerParameters
+from vgdp_planner.waypoint_follower_node import FollowerParameters
 
 ROOT = Path(__file__).parents[1]
 FILE = ROOT / 'README.md'
@@ -22,6 +24,8 @@ NODES = {
     'maze_sim_node': MazeSimParameters,
     'bev_mapper_node': MapperParameters,
     'planner_node': PlannerParameters,
+    'waypoint_follower_node': FollowerParameters,
+    'kinematic_node': KinematicParameters,
     'recorder_node': RecorderParameters,
 }
 

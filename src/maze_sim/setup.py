@@ -20,5 +20,10 @@ setup(
         (f'share/{PACKAGE}', ['package.xml']),
     ],
     zip_safe=False,
-    entry_points={'console_scripts': ['maze_sim_node = maze_sim.node:main']},
+    entry_points={
+        'console_scripts': [
+            'maze_sim_node = maze_sim.node:main',
+            'kinematic_node = maze_sim.kinematic_node:main',
+        ]
+    },
 )

@@ -22,5 +22,10 @@ setup(
         (f'share/{PACKAGE}', ['package.xml']),
     ],
     zip_safe=False,
-    entry_points={'console_scripts': ['planner_node = vgdp_planner.node:main']},
+    entry_points={
+        'console_scripts': [
+            'planner_node = vgdp_planner.node:main',
+            'waypoint_follower_node = vgdp_planner.waypoint_follower_node:main',
+        ]
+    },
 )

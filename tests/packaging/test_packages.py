@@ -45,6 +45,7 @@ ROS_MODULES = {
     'geometry_msgs',
     'launch',
     'launch_ros',
+    'nav2_msgs',
     'nav_msgs',
     'rcl_interfaces',
     'rclpy',
@@ -171,6 +172,7 @@ def knows_ros(path: Path) -> bool:
     package, *folders = path.relative_to(ROOT / 'src').parts[1:]
     return (
         path.name == 'node.py'
+        or path.name.endswith('_node.py')
         or path.name.endswith('.launch.py')
         or (package == 'gridnav' and folders[0] == 'ros')
         # The live view of the demo, and `vgdp info`.

@@ -13,6 +13,7 @@ from gridnav.actions import DONE, STEPS, valid_moves
 from gridnav.grid import GridGeometry
 from gridnav.partial_map import OBSTACLE
 from maze_sim import MazeSimulation, make_mazes
+from vgdp_bringup.replay import decision_of
 from vgdp_planner.cycle import PlanningCycle
 
 if TYPE_CHECKING:
@@ -85,8 +86,9 @@ class SimulatedRobot:
         self._say(world, start, stamp, seed)
 
     def _plan(self, cycle: PlanningCycle, observation: Observation, now: int) -> list[int]:
-        plan = self._planner.plan(observation.partial_map, observation.cell)
-        cycle.planned(observation, len(plan.committed))
+        grid = observation.grid
+        plan = self._planner.plan(grid.partial_map, grid.start)
+        cycle.planned(observation, decision_of(plan, grid))
         stamp = observation.stamp
         way = self._way(observation, plan.actions.tolist())
         self.bag.add('plan', now, synthetic.path(stamp, way))
@@ -106,15 +108,15 @@ class SimulatedRobot:
 
     def _way(self, observation: Observation, actions: list[int]) -> list[tuple[float, float]]:
         """Return the points of a plan up to Done or a step into a known obstacle."""
-        valid = valid_moves(observation.partial_map[OBSTACLE] > 0)
-        cells = [observation.cell]
+        valid = valid_moves(observation.grid.partial_map[OBSTACLE] > 0)
+        cells = [observation.grid.start]
         for action in actions:
             row, col = cells[-1]
             if action == DONE or not valid[action, row, col]:
                 break
             row_step, col_step = STEPS[action].tolist()
             cells.append((row + row_step, col + col_step))
-        return [observation.geometry.center_of(*cell) for cell in cells]
+        return [observation.grid.geometry.center_of(*cell) for cell in cells]
 
     def _report(self, plan: Plan, now: int) -> None:
         self._sources[plan.source] = self._sources.get(plan.source, 0) + 1

@@ -6,10 +6,15 @@ import numpy as np
 import pytest
 
 from gridnav import FREE, GOAL, GridGeometry
-from vgdp_planner.cycle import PlanningCycle
+from vgdp_planner.cycle import Decision, PlanningCycle
 
 GEOMETRY = GridGeometry(3, 4, 0.5)
 OCCUPANCY = np.zeros((3, 4), dtype=np.int8)
+
+
+def going(actions: int) -> Decision:
+    """Decide to take some steps."""
+    return Decision(actions, (0, 0), done=False, way=np.zeros((0, 2)))
 
 
 def seen(cycle: PlanningCycle, stamp: int, x: float = 0.25) -> None:
@@ -24,9 +29,9 @@ def test_plans_once_on_each_observation() -> None:
     seen(cycle, 10)
     observation = cycle.observation()
     assert observation is not None
-    assert (observation.stamp, observation.cell) == (10, (0, 0))
-    assert observation.partial_map[FREE].all()
-    cycle.planned(observation, actions=2)
+    assert (observation.stamp, observation.grid.start) == (10, (0, 0))
+    assert observation.grid.partial_map[FREE].all()
+    cycle.planned(observation, going(2))
     seen(cycle, 10)
     assert cycle.observation() is None
     seen(cycle, 11, 0.75)
@@ -34,7 +39,7 @@ def test_plans_once_on_each_observation() -> None:
     seen(cycle, 12, 1.25)
     observation = cycle.observation()
     assert observation is not None
-    assert (observation.stamp, observation.cell) == (12, (0, 2))
+    assert (observation.stamp, observation.grid.start) == (12, (0, 2))
 
 
 def test_map_and_pose_must_be_of_one_step() -> None:
@@ -60,7 +65,7 @@ def test_lost_actions_are_not_waited_for_forever() -> None:
     seen(cycle, 1)
     observation = cycle.observation()
     assert observation is not None
-    cycle.planned(observation, actions=2)
+    cycle.planned(observation, going(2))
     assert cycle.observation() is None
     assert cycle.observation(overdue=True) is not None
     seen(cycle, 2)
@@ -77,7 +82,7 @@ def test_a_new_episode_forgets_the_old_one() -> None:
     cycle.set_goal(1, 1.9, 1.4)
     observation = cycle.observation()
     assert observation is not None
-    assert observation.partial_map[GOAL, 2, 3] == 1
+    assert observation.grid.partial_map[GOAL, 2, 3] == 1
     cycle.begin(100)
     seen(cycle, 99)
     cycle.set_goal(99, 0.1, 0.1)
@@ -85,7 +90,7 @@ def test_a_new_episode_forgets_the_old_one() -> None:
     seen(cycle, 100)
     observation = cycle.observation()
     assert observation is not None
-    assert not observation.partial_map[GOAL].any()
+    assert not observation.grid.partial_map[GOAL].any()
 
 
 def test_the_word_of_a_new_episode_may_come_late() -> None:
@@ -96,7 +101,7 @@ def test_the_word_of_a_new_episode_may_come_late() -> None:
     assert cycle.begin(100)
     observation = cycle.observation()
     assert observation is not None
-    assert observation.partial_map[GOAL, 2, 3] == 1
+    assert observation.grid.partial_map[GOAL, 2, 3] == 1
 
 
 def test_an_episode_that_was_planned_on_is_not_new() -> None:
@@ -105,7 +110,7 @@ def test_an_episode_that_was_planned_on_is_not_new() -> None:
     seen(cycle, 100)
     observation = cycle.observation()
     assert observation is not None
-    cycle.planned(observation, actions=2)
+    cycle.planned(observation, going(2))
     assert not cycle.begin(100)
     seen(cycle, 101)
     assert cycle.observation() is None

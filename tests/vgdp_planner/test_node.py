@@ -10,16 +10,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid, Odometry, Path
+from nav_msgs.srv import GetPlan
 from std_msgs.msg import UInt8
 from tests.ros_helpers import wait_for
 
 from gridnav import GridGeometry
-from gridnav.ros.conversions import to_nanoseconds, to_occupancy_grid, to_odometry, to_pose_stamped
-from gridnav.ros.qos import EPISODE_QOS, MAP_QOS, RELIABLE_QOS
+from gridnav.ros.conversions import (
+    header,
+    to_nanoseconds,
+    to_occupancy_grid,
+    to_odometry,
+    to_pose,
+    to_pose_stamped,
+)
+from gridnav.ros.qos import EPISODE_QOS, MAP_QOS, MARKER_QOS, RELIABLE_QOS
 from maze_sim import MazeSimulation, make_mazes
 from vgdp_planner import ValueGuidedPlanner
+from vgdp_planner.ways import inflate
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -196,6 +205,66 @@ def test_gives_up_with_a_verdict(node_process: StartNode, probe: Probe) -> None:
     assert not actions
 
 
+REAL = {'pose_source': 'amcl_pose', 'robot_radius': 0.2, 'planning_resolution': 0.4}
+"""Parameters for a robot that moves by itself."""
+
+
+def on_map(stamp: int, x: float, y: float) -> PoseWithCovarianceStamped:
+    """Build a pose as AMCL does, half a metre sure."""
+    message = PoseWithCovarianceStamped(header=header(stamp, 'map'))
+    message.pose.pose = to_pose(x, y)
+    message.pose.covariance = np.diag([0.1, 0.1, 0, 0, 0, 0.1]).ravel()
+    return message
+
+
+def test_a_real_robot(node_process: StartNode, probe: Probe) -> None:
+    """A SLAM's map and AMCL's pose of other stamps make a plan in metres, said again and again."""
+    node = node_process(PLANNER, REAL)
+    node.wait_output(READY)
+    maps = probe.publisher(OccupancyGrid, 'map', MAP_QOS)
+    poses = probe.publisher(PoseWithCovarianceStamped, 'amcl_pose', MAP_QOS)
+    goals = probe.publisher(PoseStamped, 'goal_pose', MAP_QOS)
+    plans = probe.record(Path, 'plan', MAP_QOS)
+    waypoints = probe.record(PoseStamped, 'waypoint', RELIABLE_QOS)
+    values = probe.record(OccupancyGrid, 'value_map', MARKER_QOS)
+    actions = probe.record(UInt8, 'action', RELIABLE_QOS)
+    wait_for(lambda: probe.node.count_publishers('value_map') > 0)
+    # A room of 6 m by 4 m with a wall, seen but for its right end.
+    occupancy = np.full((80, 100), 3, dtype=np.int8)
+    occupancy[[0, -1]] = occupancy[:, 0] = 97
+    occupancy[:50, 50] = 80
+    geometry = GridGeometry(80, 100, 0.05, -7.3, 2.15)
+    maps.publish(to_occupancy_grid(occupancy, geometry, stamp=5, frame_id='map'))
+    poses.publish(on_map(900, -6.0, 3.0))
+    wait_for(lambda: len(plans) > 2 and waypoints and values)
+    assert {to_nanoseconds(plan.header.stamp) for plan in plans} == {900}
+    blocked = inflate(occupancy >= 50, 4)
+    for pose in plans[0].poses:
+        cell = geometry.cell_at(pose.pose.position.x, pose.pose.position.y)
+        assert not blocked[cell]
+    first = plans[0].poses[0].pose.position
+    assert (first.x, first.y) == pytest.approx((-6.0, 3.0), abs=0.05)
+    assert values[0].info.resolution == pytest.approx(0.4)
+    assert waypoints[0].pose.position in [pose.pose.position for pose in plans[0].poses]
+    assert not actions
+
+    # Behind the wall, and a path there on request.
+    goals.publish(to_pose_stamped(-3.0, 3.0, stamp=901, frame_id='map'))
+    goal = to_pose_stamped(-3.0, 3.0, 1.0, stamp=1, frame_id='map')
+    path = probe.call(GetPlan, 'vgdp_planner/get_plan', GetPlan.Request(goal=goal)).plan
+    last = path.poses[-1].pose
+    assert (last.position.x, last.position.y) == pytest.approx((-3.0, 3.0), abs=0.05)
+    assert last.orientation == goal.pose.orientation
+    assert max(pose.pose.position.y for pose in path.poses) > 2.15 + 2.5
+    for start, code in ((40.0, 'START_OUTSIDE_MAP'), (-7.28, '')):
+        begin = to_pose_stamped(start, 3.0, stamp=1, frame_id='map')
+        request = GetPlan.Request(start=begin, goal=goal)
+        answer = probe.call(GetPlan, 'vgdp_planner/get_plan', request).plan
+        assert bool(answer.poses) == (not code)
+        assert code in node.output
+    node.assert_alive()
+
+
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize('busy', [False, True])
 def test_signals_end_it_quietly(
@@ -220,6 +289,8 @@ def test_signals_end_it_quietly(
         ({'device': 'abacus'}, 'abacus'),
         ({'threads': 0}, 'threads'),
         ({'action_timeout': -1.0}, 'action_timeout'),
+        ({'pose_source': 'gps'}, 'pose_source'),
+        ({'robot_radius': -0.1}, 'robot_radius'),
     ],
 )
 def test_bad_parameters_are_named(

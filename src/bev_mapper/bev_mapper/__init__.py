@@ -4,7 +4,8 @@ Letters in shapes: H, W rows and columns of the map, h, w those of a window. Gri
 as in ``nav_msgs/OccupancyGrid``: -1 unseen, 0 free, 100 obstacle.
 """
 
-from bev_mapper.grid_fusion import GridFusion, Pose2D
+from bev_mapper.grid_fusion import GridFusion
 from bev_mapper.local_map_fusion import LocalMapFusion, Window
+from gridnav.pose import Pose2D
 
 __all__ = ['GridFusion', 'LocalMapFusion', 'Pose2D', 'Window']

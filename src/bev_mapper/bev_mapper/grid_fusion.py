@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from gridnav.partial_map import (
     from_occupancy,
     to_occupancy,
 )
+from gridnav.pose import Pose2D
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -25,14 +26,6 @@ DEFAULT_GROWTH = 16
 DEFAULT_MAX_CELLS = 4_000_000
 
 _NEVER = -1
-
-
-class Pose2D(NamedTuple):
-    """A pose on the ground: metres and radians."""
-
-    x: float = 0.0
-    y: float = 0.0
-    yaw: float = 0.0
 
 
 class GridFusion:

@@ -10,8 +10,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from bev_mapper.grid_fusion import GridFusion, Pose2D
+    from bev_mapper.grid_fusion import GridFusion
     from gridnav.grid import GridGeometry
+    from gridnav.pose import Pose2D
 
 T = TypeVar('T')
 

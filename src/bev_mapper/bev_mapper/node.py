@@ -12,10 +12,11 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import OccupancyGrid, Odometry
 
-from bev_mapper.grid_fusion import DEFAULT_GROWTH, DEFAULT_MAX_CELLS, GridFusion, Pose2D
+from bev_mapper.grid_fusion import DEFAULT_GROWTH, DEFAULT_MAX_CELLS, GridFusion
 from bev_mapper.local_map_fusion import LocalMapFusion, Window
 from gridnav.grid import GridGeometry
 from gridnav.partial_map import UNKNOWN_VALUE
+from gridnav.pose import Pose2D
 from gridnav.ros.conversions import (
     from_occupancy_grid,
     to_nanoseconds,

@@ -17,7 +17,7 @@ from rich.progress import track
 
 from bev_mapper import GridFusion, LocalMapFusion, Pose2D, Window
 from bev_mapper.grid_fusion import DEFAULT_GROWTH
-from gridnav.actions import STEPS
+from gridnav.actions import DONE, STEPS
 from vgdp_bringup.bags import (
     LINE_STRIP,
     NANOSECONDS,
@@ -38,8 +38,9 @@ if TYPE_CHECKING:
 
     from gridnav.grid import GridGeometry
     from vgdp_bringup.bags import Episode, Grid, Messages
-    from vgdp_planner.cycle import PlanningCycle
+    from vgdp_planner.cycle import Decision, PlanningCycle
     from vgdp_planner.planner import Plan, ValueGuidedPlanner
+    from vgdp_planner.planning_grid import PlanningGrid
 
 MAX_CELLS = 4096 * 4096
 SHOWN = 20
@@ -368,13 +369,21 @@ def _plan_again(
             if observation is None:
                 comparison.compare(stamp, ['a plan was made, but not on what was recorded'])
                 break
-            plan = planner.plan(observation.partial_map, observation.cell)
-            cycle.planned(observation, len(plan.committed))
+            grid = observation.grid
+            plan = planner.plan(grid.partial_map, grid.start)
+            cycle.planned(observation, decision_of(plan, grid))
             sent += plan.committed
             candidates = said.candidates[number] if number < len(said.candidates) else None
-            differences = _compare_plans(points, candidates, plan, observation.geometry)
+            differences = _compare_plans(points, candidates, plan, grid.geometry)
             comparison.compare(stamp, differences)
     return sent
+
+
+def decision_of(plan: Plan, grid: PlanningGrid) -> Decision:
+    """Return what a plan decided, as far as it counts in lockstep: how many steps were sent."""
+    from vgdp_planner.cycle import Decision  # noqa: PLC0415 - loads what reports do without
+
+    return Decision(len(plan.committed), grid.start, DONE in plan.committed, np.empty((0, 2)))
 
 
 def _compare_plans(

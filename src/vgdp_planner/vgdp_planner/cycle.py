@@ -1,17 +1,18 @@
-"""When to plan: brings map and pose of equal stamp together and waits for what was sent."""
+"""When to plan in lockstep with a world of cells: brings map and pose of one step together."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from gridnav.partial_map import from_occupancy
+from vgdp_planner.planning_grid import GridSettings, make_planning_grid
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from gridnav import GridGeometry
+    from vgdp_planner.planning_grid import Cell, PlanningGrid, Point
 
 NEVER = -1
 
@@ -25,15 +26,33 @@ class Observation:
 
     Attributes:
         stamp: Of the step that made it, in nanoseconds.
-        partial_map: (3, H, W).
-        cell: Of the robot, (row, col).
-        geometry: Where the map lies.
+        grid: The map, made ready for the planner.
+        belief: Where the robot may be, (H, W); None where it is surely at the grid's start.
+        in_step: Whether just what the last plan committed came of it: the planner may go on with
+            the rest of that plan.
     """
 
     stamp: int
-    partial_map: NDArray[np.float32]
-    cell: tuple[int, int]
-    geometry: GridGeometry
+    grid: PlanningGrid
+    belief: NDArray[np.float32] | None = None
+    in_step: bool = True
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What came of planning on an observation.
+
+    Attributes:
+        actions: How many steps the plan commits, Done included.
+        target: The block in which they end.
+        done: Whether they end with Done.
+        way: The whole plan in metres, (N, 2); empty for none.
+    """
+
+    actions: int
+    target: Cell
+    done: bool
+    way: NDArray[np.float64]
 
 
 class PlanningCycle:
@@ -44,7 +63,8 @@ class PlanningCycle:
     come as actions were sent. Poses and maps that come again with a known stamp change nothing.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, settings: GridSettings | None = None) -> None:
+        self._settings = settings or GridSettings()
         self.start = NEVER
         self.finished = False
         self._map: tuple[int, NDArray[np.int8], GridGeometry] | None = None
@@ -106,31 +126,41 @@ class PlanningCycle:
             overdue: What was sent seems to be lost: don't wait for it any longer.
 
         Raises:
-            ValueError: If the robot is not on the map.
+            ValueError: If the robot is not on the map, or at an obstacle.
         """
         if self.finished or self._map is None or not self._poses:
             return None
-        stamp, occupancy, geometry = self._map
+        stamp = self._map[0]
         newest = max(self._poses)
         if stamp != newest:
             return None
         carried_out = sum(pose_stamp > self._planned for pose_stamp in self._poses)
         if carried_out < max(self._awaited, 1) and not (overdue and self._planned >= 0):
             return None
-        cell = geometry.cell_at(*self._poses[newest])
-        if not geometry.contains(*cell):
-            msg = (
-                f'The robot at {self._poses[newest]} m is not on the map of {geometry.rows} x '
-                f'{geometry.cols} cells.'
-            )
-            raise ValueError(msg)
-        goal = None if self._goal is None else geometry.cell_at(*self._goal[1:])
-        return Observation(stamp, from_occupancy(occupancy, goal), cell, geometry)
+        goal = None if self._goal is None else self._goal[1:]
+        return Observation(stamp, self.grid_at(self._poses[newest], goal))
 
-    def planned(self, observation: Observation, actions: int) -> None:
+    def grid_at(self, position: Point, goal: Point | None) -> PlanningGrid:
+        """Return the planning grid of the newest map for a robot and a goal somewhere on it.
+
+        Raises:
+            ValueError: If there is no map yet, or the robot would not be on it, or at an obstacle.
+        """
+        if self._map is None:
+            msg = 'There is no map yet.'
+            raise ValueError(msg)
+        _, occupancy, geometry = self._map
+        return make_planning_grid(occupancy, geometry, position, goal, self._settings)
+
+    @property
+    def position(self) -> Point | None:
+        """Where the robot is, (x, y) in metres, if it is known."""
+        return self._poses[max(self._poses)] if self._poses else None
+
+    def planned(self, observation: Observation, decision: Decision) -> None:
         """Note that actions were sent that were planned on an observation."""
         self._planned = observation.stamp
-        self._awaited = actions
+        self._awaited = decision.actions
         self._poses = {
             stamp: pose for stamp, pose in self._poses.items() if stamp >= observation.stamp
         }

@@ -2,8 +2,9 @@
 
 ``qos`` (named profiles), ``conversions`` (arrays and numbers to messages and back), ``validation``
 (refuse what a node can't use), ``episode`` (the episode topic), ``parameters`` (one table of
-parameters per node), ``diagnostics`` (once a second), ``tf`` (where it can be imported), ``node``
-(the base class) and ``run`` (start and end of a process).
+parameters per node), ``diagnostics`` (once a second), ``tf`` (where it can be imported), ``poses``
+(where the robot is, from TF, odometry or AMCL), ``paths`` (on request), ``node`` (the base class)
+and ``run`` (start and end of a process).
 """
 
 from __future__ import annotations

@@ -130,11 +130,16 @@ def from_occupancy_grid(message: OccupancyGrid) -> tuple[NDArray[np.int8], GridG
 def to_path(
     cells: Sequence[tuple[int, int]], geometry: GridGeometry, *, stamp: int, frame_id: str
 ) -> Path:
-    """Build a path through the centres of cells (row, col).
+    """Build a path through the centres of cells (row, col)."""
+    points = [geometry.center_of(row, col) for row, col in cells]
+    return to_path_of_points(points, stamp=stamp, frame_id=frame_id)
+
+
+def to_path_of_points(points: Sequence[tuple[float, float]], *, stamp: int, frame_id: str) -> Path:
+    """Build a path through points (x, y) in metres.
 
     Each pose looks to the next one that lies elsewhere, the last ones keep the direction.
     """
-    points = [geometry.center_of(row, col) for row, col in cells]
     yaws: list[float] = [0.0] * len(points)
     yaw = 0.0
     for i in range(1, len(points)):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from geometry_msgs.msg import TransformStamped
+from rclpy.time import Time
 
-from gridnav.ros.conversions import header, to_quaternion
+from gridnav.pose import Pose2D, PoseEstimate
+from gridnav.ros.conversions import header, to_nanoseconds, to_quaternion, to_yaw
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -34,3 +37,40 @@ class FrameBroadcaster:
         message.transform.translation.y = float(y)
         message.transform.rotation = to_quaternion(yaw)
         self._broadcaster.sendTransform(message)
+
+
+class FrameListener:
+    """Looks up where a frame is in another one.
+
+    Args:
+        node: Which listens.
+
+    Raises:
+        ValueError: If tf2_ros is not installed.
+    """
+
+    def __init__(self, node: Node) -> None:
+        try:
+            from tf2_ros import (  # noqa: PLC0415 - optional
+                Buffer,
+                TransformException,
+                TransformListener,
+            )
+        except ImportError as error:
+            msg = "tf2_ros is not installed, so no pose can come from 'tf'."
+            raise ValueError(msg) from error
+        self._buffer = Buffer()
+        self._listener = TransformListener(self._buffer, node)
+        self._failure = TransformException
+
+    def look_up(self, parent: str, child: str) -> PoseEstimate | None:
+        """Return where ``child`` is in ``parent`` now, or None if that is not known (yet)."""
+        try:
+            found = self._buffer.lookup_transform(parent, child, Time())
+        except self._failure:
+            return None
+        moved = found.transform
+        pose = Pose2D(moved.translation.x, moved.translation.y, to_yaw(moved.rotation))
+        if not all(math.isfinite(value) for value in pose):
+            return None
+        return PoseEstimate(to_nanoseconds(found.header.stamp), pose)

@@ -18,8 +18,14 @@ if TYPE_CHECKING:
     from collections.abc import Collection
 
     from builtin_interfaces.msg import Time
-    from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
-    from nav_msgs.msg import OccupancyGrid, Odometry
+    from geometry_msgs.msg import (
+        Point,
+        Pose,
+        PoseStamped,
+        PoseWithCovarianceStamped,
+        Quaternion,
+    )
+    from nav_msgs.msg import OccupancyGrid, Odometry, Path
     from std_msgs.msg import Header
 
 MAX_CELLS = 4096 * 4096
@@ -33,6 +39,9 @@ MAX_RESOLUTION_M = 1e3
 
 UNIT_NORM_TOLERANCE = 1e-3
 """How far the norm of a quaternion may be from 1."""
+
+COVARIANCE_TOLERANCE = 1e-9
+"""How far below 0 an eigenvalue of a covariance may be, in m²."""
 
 ROTATION_TOLERANCE = 1e-3
 """How far a grid's origin may be turned, as the length of the quaternion's vector part."""
@@ -96,6 +105,26 @@ def validate_odometry(message: Odometry, frames: Collection[str] = ()) -> None:
     """Refuse an odometry message that can't be used; its twist is not looked at."""
     validate_header(message.header, frames)
     validate_pose(message.pose.pose)
+
+
+def validate_path(message: Path, frames: Collection[str] = ()) -> None:
+    """Refuse a path that can't be used; an empty one is fine."""
+    validate_header(message.header, frames)
+    for pose in message.poses:
+        validate_position(pose.pose.position)
+
+
+def validate_pose_with_covariance(
+    message: PoseWithCovarianceStamped, frames: Collection[str] = ()
+) -> None:
+    """Refuse a pose that can't be used, and a covariance of x and y that is none."""
+    validate_header(message.header, frames)
+    validate_pose(message.pose.pose)
+    covariance = np.array(message.pose.covariance).reshape(6, 6)[:2, :2]
+    fine = np.isfinite(covariance).all() and np.allclose(covariance, covariance.T)
+    if not (fine and np.linalg.eigvalsh(covariance)[0] >= -COVARIANCE_TOLERANCE):
+        msg = f'Its covariance of x and y is none ({covariance.tolist()}).'
+        raise InvalidMessage(msg)
 
 
 def validate_occupancy_grid(

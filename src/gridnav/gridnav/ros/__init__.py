@@ -1,10 +1,10 @@
 """Everything of the stack that knows ROS 2, shared by the nodes of all packages.
 
-``qos`` (named profiles), ``conversions`` (arrays and numbers to messages and back), ``validation``
-(refuse what a node can't use), ``episode`` (the episode topic), ``parameters`` (one table of
-parameters per node), ``diagnostics`` (once a second), ``tf`` (where it can be imported), ``poses``
-(where the robot is, from TF, odometry or AMCL), ``paths`` (on request), ``node`` (the base class)
-and ``run`` (start and end of a process).
+``qos`` (named profiles), ``conversions`` (arrays and numbers to messages and back), ``rgbd``
+(images, cameras, poses in space), ``validation`` (refuse what a node can't use), ``episode`` (the
+episode topic), ``parameters`` (one table of parameters per node), ``diagnostics`` (once a second),
+``tf`` (where it can be imported), ``poses`` (where the robot is, from TF, odometry or AMCL),
+``paths`` (on request), ``node`` (the base class) and ``run`` (start and end of a process).
 """
 
 from __future__ import annotations

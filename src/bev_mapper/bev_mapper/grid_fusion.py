@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gridnav.grid import GridGeometry
+from bev_mapper.growing import grown
 from gridnav.partial_map import (
     FREE_VALUE,
     UNKNOWN_VALUE,
@@ -18,6 +18,8 @@ from gridnav.pose import Pose2D
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from gridnav.grid import GridGeometry
 
 RESOLUTION_TOLERANCE = 1e-5
 """Relative difference up to which two resolutions are the same (messages carry a float32)."""
@@ -163,30 +165,15 @@ class GridFusion:
         rim = free.astype(np.int64)
         rows = np.floor((y - old.origin_y) / old.resolution).astype(np.int64)
         cols = np.floor((x - old.origin_x) / old.resolution).astype(np.int64)
-        south = self._growth_for(-int((rows - rim).min()))
-        north = self._growth_for(int((rows + rim).max()) - old.rows + 1)
-        west = self._growth_for(-int((cols - rim).min()))
-        east = self._growth_for(int((cols + rim).max()) - old.cols + 1)
-        if not (south or north or west or east):
-            return
-        height, width = old.rows + south + north, old.cols + west + east
-        if height * width > self.max_cells:
-            msg = (
-                f'The map would grow to {height} x {width} cells, more than the limit of '
-                f'{self.max_cells}.'
-            )
-            raise ValueError(msg)
-        self.geometry = GridGeometry(
-            rows=height,
-            cols=width,
-            resolution=old.resolution,
-            origin_x=old.origin_x - west * old.resolution,
-            origin_y=old.origin_y - south * old.resolution,
+        found = grown(
+            old,
+            (int((rows - rim).min()), int((rows + rim).max())),
+            (int((cols - rim).min()), int((cols + rim).max())),
+            growth=self.growth,
+            max_cells=self.max_cells,
         )
-        margins = ((south, north), (west, east))
+        if found is None:
+            return
+        self.geometry, margins = found
         self.occupancy = np.pad(self.occupancy, margins, constant_values=UNKNOWN_VALUE)
         self._seen_at = np.pad(self._seen_at, margins, constant_values=_NEVER)
-
-    def _growth_for(self, missing: int) -> int:
-        """Return by how many cells a side grows that lacks this many, in whole chunks."""
-        return max(0, math.ceil(missing / self.growth) * self.growth)

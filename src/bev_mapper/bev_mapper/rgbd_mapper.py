@@ -1,0 +1,256 @@
+"""From RGB-D frames to a labelled cloud and a map."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+
+from bev_mapper.evidence_grid import Crop, Evidence, EvidenceGrid
+from bev_mapper.floor import FloorTracker, Plane
+from bev_mapper.grid_fusion import DEFAULT_MAX_CELLS
+from bev_mapper.majority_grid import MajorityGrid
+from bev_mapper.segmentation import CloudSegmenter, GeometricSegmenter
+from bev_mapper.unprojection import depth_in_metres, thin, unproject
+from bev_mapper.voxel_cloud import VoxelCloud
+from gridnav.grid import GridGeometry
+from gridnav.rgbd import CLASSES
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from bev_mapper.segmentation import Segmenter
+    from gridnav.rgbd import RgbdFrame
+
+Mode = Literal['evidence', 'majority']
+
+Stage = Literal['unprojection', 'floor', 'segmentation', 'grid', 'cloud']
+STAGES: tuple[Stage, ...] = get_args(Stage)
+"""What is done with a frame."""
+
+FLOOR, CEILING = CLASSES.index('floor'), CLASSES.index('ceiling')
+
+ON_FLOOR_M = 0.3
+"""A robot whose pose is further from the floor than this does not stand on it."""
+
+
+@dataclass(frozen=True)
+class MapperConfig:
+    """How frames become a map.
+
+    Attributes:
+        geometry: Where the map lies at first.
+        mode: 'evidence' adds up what frames say about each cell; 'majority' counts the points of
+            the cloud, as in the paper.
+        growth: Cells by which a side of the map grows at least; 0 keeps it as it is.
+        max_cells: The most cells it may have.
+        crop: Heights between which something is an obstacle.
+        footprint: Radius around the robot that is free, in metres.
+        free_below: A cell whose floor was not seen is free where the camera looked through it
+            lower than this, in metres.
+        min_points: A frame must see so many points in a cell to say something about it.
+        max_range: Depth beyond this is not mapped, in metres.
+        max_pixels: No more pixels of a frame than this are used.
+        max_rays: No more rays of a frame than this are followed.
+        fit_floor: Whether the floor is looked for; else it is at z = 0.
+        voxel: Side of the cloud's voxels in metres.
+        max_voxels: The most voxels it may have.
+        relabel_every: A model of whole clouds labels it after so many frames; 0 at the end alone.
+    """
+
+    geometry: GridGeometry = field(default_factory=lambda: GridGeometry(45, 45, 0.1, -2.25, -2.25))
+    mode: Mode = 'evidence'
+    growth: int = 15
+    max_cells: int = DEFAULT_MAX_CELLS
+    crop: Crop = field(default_factory=Crop)
+    footprint: float = 0.2
+    free_below: float = 0.3
+    min_points: int = 3
+    max_range: float = 5.0
+    max_pixels: int = 130_000
+    max_rays: int = 5000
+    fit_floor: bool = True
+    voxel: float = 0.04
+    max_voxels: int = 1_000_000
+    relabel_every: int = 0
+
+
+class RgbdMapper:
+    """Takes in frames one after the other.
+
+    Attributes:
+        cloud: Everything that was seen.
+        grid: The map.
+        frames: How many frames are in it.
+        floor: Where the last frame's floor was.
+        timings: Seconds that each stage of the last frame took.
+    """
+
+    def __init__(
+        self,
+        config: MapperConfig | None = None,
+        segmenter: Segmenter | CloudSegmenter | None = None,
+    ) -> None:
+        """Start with nothing seen.
+
+        Args:
+            config: How to map.
+            segmenter: What names the classes, the geometric one if None. With a model of whole
+                clouds the mode is 'majority'.
+
+        Raises:
+            ValueError: If the first map is larger than it may be.
+        """
+        self.config = config = config or MapperConfig()
+        found = segmenter or GeometricSegmenter()
+        self._whole = found if isinstance(found, CloudSegmenter) else None
+        self._pixels = GeometricSegmenter() if isinstance(found, CloudSegmenter) else found
+        self.segmenter = found.name
+        self.cloud = VoxelCloud(config.voxel, config.max_voxels)
+        self.grid: EvidenceGrid | MajorityGrid
+        if self._whole is not None or config.mode == 'majority':
+            self.grid = MajorityGrid(
+                config.geometry, config.crop, growth=config.growth, max_cells=config.max_cells
+            )
+        else:
+            self.grid = EvidenceGrid(
+                config.geometry,
+                config.crop,
+                growth=config.growth,
+                max_cells=config.max_cells,
+                footprint=config.footprint,
+                free_below=config.free_below,
+                min_points=config.min_points,
+            )
+        self._tracker = FloorTracker()
+        self._forget()
+
+    def _forget(self) -> None:
+        self.frames = 0
+        self.stamp = -1
+        self.floor = Plane()
+        self.timings = dict.fromkeys(STAGES, 0.0)
+
+    def clear(self) -> None:
+        """Forget all frames."""
+        self.cloud.clear()
+        self.grid.clear()
+        self._tracker.clear()
+        self._forget()
+
+    def add(self, frame: RgbdFrame) -> None:
+        """Take in a frame.
+
+        Raises:
+            ValueError: If it lacks what the segmenter needs or the map would grow beyond its
+                limit, with one sentence that says so; the map is as it was.
+        """
+        config = self.config
+        _check(frame)
+        clock = _Clock()
+        frame = thin(frame, config.max_pixels)
+        depth = depth_in_metres(frame.depth)
+        frame = replace(frame, depth=depth)
+        camera_to_map = frame.camera_to_map()
+        points = unproject(depth, frame.camera, camera_to_map)
+        near = (depth > 0) & (depth <= config.max_range)
+        camera = camera_to_map[:3, 3].copy()
+        clock.lap('unprojection')
+
+        if config.fit_floor:
+            self.floor = self._tracker.fit(points, near, camera_to_map)
+            points[2] -= self.floor.height_at(points[0], points[1])
+            camera[2] -= self.floor.height_at(camera[0], camera[1])
+        clock.lap('floor')
+
+        labels = self._pixels.labels(frame, points)
+        clock.lap('segmentation')
+
+        kept = np.flatnonzero(near)
+        flat, kinds = np.take(points.reshape(3, -1), kept, axis=1), labels.reshape(-1)[kept]
+        if isinstance(self.grid, EvidenceGrid):
+            seen = Evidence(
+                points=flat,
+                is_floor=kinds == FLOOR,
+                is_solid=(kinds != FLOOR) & (kinds != CEILING),
+                camera=camera,
+                rays=self._rays(points, depth, camera),
+                robot=self._on_floor(frame),
+            )
+            self.grid.update(seen)
+        clock.lap('grid')
+
+        self.cloud.merge(flat, frame.color.reshape(-1, 3)[kept], kinds)
+        clock.lap('cloud')
+        self.frames += 1
+        self.stamp = max(self.stamp, frame.stamp)
+        if isinstance(self.grid, MajorityGrid):
+            every = config.relabel_every
+            if self._whole is not None and every and self.frames % every == 0:
+                self._relabel(self._whole)
+                clock.lap('segmentation')
+            self.grid.project(self.cloud.points())
+            clock.lap('grid')
+        self.timings = clock.laps
+
+    def finish(self) -> None:
+        """Do what is done once all frames are there: a model of whole clouds labels the cloud."""
+        if self._whole is not None and isinstance(self.grid, MajorityGrid):
+            self._relabel(self._whole)
+            self.grid.project(self.cloud.points())
+
+    def _relabel(self, model: CloudSegmenter) -> None:
+        points = self.cloud.points()
+        if len(points.labels):
+            self.cloud.relabel(model.cloud_labels(points.positions, points.colors))
+
+    def _rays(
+        self,
+        points: NDArray[np.float64],
+        depth: NDArray[np.float32],
+        camera: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Return up to where the camera sees, for some of the pixels, (3, N)."""
+        step = math.ceil(math.sqrt(depth.size / self.config.max_rays))
+        some = depth[step // 2 :: step, step // 2 :: step].reshape(-1)
+        ends = points[:, step // 2 :: step, step // 2 :: step].reshape(3, -1)[:, some > 0]
+        # What is too far away to be mapped still shows that nothing is before it.
+        part = np.minimum(self.config.max_range / some[some > 0], 1.0)
+        rays: NDArray[np.float64] = camera[:, None] + (ends - camera[:, None]) * part
+        return rays
+
+    def _on_floor(self, frame: RgbdFrame) -> tuple[float, float] | None:
+        """Return where the robot stands, None where the pose is that of a camera in the air."""
+        x, y, z = frame.pose[:3]
+        height = abs(z - self.floor.height_at(x, y))
+        return (x, y) if self.config.footprint > 0 and height <= ON_FLOOR_M else None
+
+
+class _Clock:
+    """Measures what stages take."""
+
+    def __init__(self) -> None:
+        self.laps: dict[Stage, float] = dict.fromkeys(STAGES, 0.0)
+        self._last = time.perf_counter()
+
+    def lap(self, stage: Stage) -> None:
+        """Add the time since the last call to a stage."""
+        now = time.perf_counter()
+        self.laps[stage] += now - self._last
+        self._last = now
+
+
+def _check(frame: RgbdFrame) -> None:
+    """Refuse a frame whose parts do not fit together."""
+    sizes = {
+        'colour': frame.color.shape[:2],
+        'depth': frame.depth.shape,
+        'camera': (frame.camera.height, frame.camera.width),
+    }
+    if len(set(sizes.values())) > 1:
+        found = ', '.join(f'{what} {rows} x {cols}' for what, (rows, cols) in sizes.items())
+        msg = f'{frame.name} has parts of unequal size (rows x columns): {found}.'
+        raise ValueError(msg)

@@ -36,7 +36,7 @@ LENS = DEFAULT_LENS.resized(192, 108)
 SCALE = 389.0
 """Millimetres in a unit of the reconstruction."""
 
-ROOM = np.array([[-1.2, -1.0, 0.0], [2.1, 1.6, 2.4]])
+ROOM = np.array([[-2.0, -1.8, 0.0], [2.9, 2.4, 2.4]])
 BOTTLE = np.array([[1.45, 0.2, 0.6], [1.55, 0.3, 0.9]])
 """Lowest and highest corner, metres in the truth: z up, positions on multiples of 0.30 m."""
 
@@ -92,7 +92,7 @@ def write_scene(
         jitter: Standard deviation of the positions, metres.
     """
     scene = TinyScene(folder, cells=cells or GRID, world_from_truth=_world())
-    mount = mount or CameraMount(z=1.1, pitch=0.12)
+    mount = mount or CameraMount(z=1.1, pitch=0.2)
     rng = np.random.default_rng(0)
     for item in (COLOR_FOLDER, DEPTH_FOLDER, *([LABEL_FOLDER] if labels else [])):
         (folder / item).mkdir(parents=True)

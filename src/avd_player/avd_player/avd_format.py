@@ -154,7 +154,8 @@ class SceneFiles:
         scale: Millimetres in a unit of the reconstruction; None if it can't be used.
         lens: Of the camera; the default one where none is given.
         problems: One sentence for each thing that is broken.
-        notes: One sentence for each thing that one should know.
+        guesses: One sentence for each thing that is missing and was guessed.
+        notes: One sentence for each thing that one may want to know.
     """
 
     folder: Path
@@ -166,6 +167,7 @@ class SceneFiles:
     scale: float | None = None
     lens: Lens = DEFAULT_LENS
     problems: list[str] = field(default_factory=list)
+    guesses: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -425,7 +427,7 @@ def _read_lens(files: SceneFiles) -> None:
     path = files.folder / CAMERAS
     default = 'the lens of Home_001_1 is taken'
     if not path.is_file():
-        files.notes.append(f'{CAMERAS} is missing: {default}.')
+        files.guesses.append(f'{CAMERAS} is missing: {default}.')
         return
     lines = path.read_text(encoding='utf-8', errors='replace').splitlines()
     tokens = next((line.split() for line in lines if line.strip() and line[0] != '#'), [])

@@ -119,7 +119,7 @@ def _what_is_there(files: SceneFiles) -> list[str]:
             f'Positions with more or less than {VIEWS} images with a pose: '
             f'{some_of(str(cluster) for cluster in odd)}.'
         )
-    return sentences + files.notes
+    return sentences + files.guesses + files.notes
 
 
 def _broken_images(source: AvdSource) -> list[str]:

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 T = TypeVar('T', bound=np.generic)
 
-MESH_PX = 32
+MESH_PX = 16
 """A colour image is straightened in pieces of this side; within one the lens is bilinear, which
-for the lenses of the dataset is wrong by less than a hundredth of a pixel."""
+for the lenses of the dataset is wrong by less than a tenth of a pixel."""
 
 NEWTON_STEPS = 8
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,9 +19,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Observation = dict[str, Any]
-
-KEPT_FRAMES = 256
-"""So many frames are kept in memory."""
 
 
 class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
@@ -129,7 +125,6 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
         self.simulation = ActiveVisionSimulation(self.scene, rules)
         self.camera = self.scene.source.camera
         self.render_mode = render_mode
-        self._frames: OrderedDict[str, RgbdFrame | None] = OrderedDict()
         self._has_begun = False
         count = max(map(len, self.scene.views)) if views == 'all' else 1
         shape = count, self.camera.height, self.camera.width
@@ -197,15 +192,10 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
 
     def _frame(self, name: str) -> RgbdFrame | None:
         """Return a frame, or None if it can't be read."""
-        if name not in self._frames:
-            try:
-                self._frames[name] = self.scene.frame(name)
-            except FrameError:
-                self._frames[name] = None
-            if len(self._frames) > KEPT_FRAMES:
-                self._frames.popitem(last=False)
-        self._frames.move_to_end(name)
-        return self._frames[name]
+        try:
+            return self.scene.frame(name)
+        except FrameError:
+            return None
 
     def _observation(self) -> Observation:
         observation: Observation = {

@@ -16,8 +16,11 @@ THICKNESS_M = 0.03
 BELOW_WEIGHT = 3.0
 """Below the floor there is nothing: a point there speaks this much against a plane."""
 
-MIN_SHARE = 0.02
-"""A floor has at least this share of the points."""
+MIN_SHARE = 0.01
+"""A floor has at least this share of the points,"""
+
+MIN_POINTS = 50
+"""and no less than this many."""
 
 MAX_POINTS = 5_000
 
@@ -98,7 +101,7 @@ def fit_floor(
     below = (distances < -2 * THICKNESS_M).sum(axis=0)
     best = int(np.argmax(on - BELOW_WEIGHT * below))
     up, offset = ups[best], float(offsets[best])
-    if on[best] < MIN_SHARE * len(points):
+    if on[best] < max(MIN_POINTS, MIN_SHARE * len(points)):
         return None
     for _ in range(3):
         near = points[np.abs(points @ up + offset) < THICKNESS_M]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 from tqdm import tqdm
 
-from avd_player.avd_format import GRID_M, ROTATIONS, Annotation, read_instance_ids
+from avd_player.avd_format import GRID_M, ROTATIONS, VIEWS, Annotation, read_instance_ids
 from avd_player.sources.avd import AvdSource
 from gridnav.actions import NUM_MOVES, STEPS
 from gridnav.rgbd import FrameError
@@ -44,6 +44,12 @@ SAME_THING_M = 0.75
 MIN_VALID_SHARE = 0.25
 """This much of the middle of a box must have depth."""
 
+KEPT_BYTES = 256 * 1024**2
+"""So much memory is taken by the latest frames."""
+
+FRAME_BYTES = 5
+"""Of colour and depth of a pixel."""
+
 _PROGRESS_DELAY_S = 5.0
 
 _BEARINGS = np.arctan2(STEPS[:, 0], STEPS[:, 1])
@@ -75,6 +81,9 @@ class Scene:
             views.setdefault(source.cluster_of(name), []).append(name)
         self.clusters = sorted(views)
         self.views: list[list[str]] = [views[cluster] for cluster in self.clusters]
+        camera = source.camera
+        kept = max(2 * VIEWS, KEPT_BYTES // (camera.width * camera.height * FRAME_BYTES))
+        self._read = lru_cache(kept)(source.read)
         self._instances = read_instance_ids(source.files.folder)
         self._sightings: dict[tuple[str, int, int, float], NDArray[np.float64] | None] = {}
 
@@ -148,12 +157,12 @@ class Scene:
         return labels
 
     def frame(self, name: str) -> RgbdFrame:
-        """Read the frame of an image.
+        """Read the frame of an image; the latest ones are kept.
 
         Raises:
             FrameError: If it can't be read.
         """
-        return self.source.read(name)
+        return self._read(name)
 
     def annotation(self, name: str) -> Annotation | None:
         """Return what is said about an image, if anything is."""

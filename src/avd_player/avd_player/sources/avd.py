@@ -14,6 +14,7 @@ from avd_player.avd_format import (
     DEPTH_FOLDER,
     GRID_M,
     LABEL_FOLDER,
+    STRUCTS,
     ImageStruct,
     SceneFiles,
     depth_name,
@@ -79,7 +80,7 @@ class AvdSource:
         scale = self.files.scale
         placed = self.files.structs
         if scale is None or not placed:
-            why = self.files.problems[0] if self.files.problems else 'It has no images with poses.'
+            why = next((p for p in self.files.problems if STRUCTS in p), 'No image has a pose.')
             msg = f'{folder} can not be used: {why}'
             raise FrameError(msg)
         self._unit = scale / 1000
@@ -90,7 +91,7 @@ class AvdSource:
             for name in self._structs
             if name in on_disk and depth_name(name) in self.files.depths
         )
-        for sentence in (*self.files.problems, *self.files.notes):
+        for sentence in (*self.files.problems, *self.files.guesses):
             warnings.warn(f'{self.files.name}: {sentence}', stacklevel=2)
 
         registered = [s.rotation for s in placed if s.rotation is not None]
@@ -115,6 +116,10 @@ class AvdSource:
     def placed_names(self) -> Sequence[str]:
         """File names of all images that have a pose, whether they are on disk or not."""
         return sorted(self._structs)
+
+    def stamp_of(self, name: str) -> int:
+        """Return when an image was taken, in nanoseconds."""
+        return index_of(name) * IMAGE_PERIOD_NS
 
     def cluster_of(self, name: str) -> int:
         """Return the number of the position that an image was taken at."""
@@ -174,7 +179,7 @@ class AvdSource:
         pose, mount = self.place_of(name)
         return RgbdFrame(
             name=name,
-            stamp=index_of(name) * IMAGE_PERIOD_NS,
+            stamp=self.stamp_of(name),
             color=self._straightener.color(image),
             depth=depth,
             camera=self.camera,
@@ -199,7 +204,8 @@ class AvdSource:
                 size = image_size(self.files.folder / COLOR_FOLDER / name)
             except FrameError:
                 continue
-            return self.files.lens.resized(*size)
+            lens = self.files.lens
+            return lens if size == (lens.width, lens.height) else lens.resized(*size)
         return self.files.lens
 
     def _positions(self) -> NDArray[np.float64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -10,6 +11,7 @@ from PIL import Image
 from gridnav.rgbd import Camera, FrameError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -29,7 +31,7 @@ def image_size(path: Path) -> tuple[int, int]:
     Raises:
         FrameError: If it can't be read.
     """
-    with _open(path) as image:
+    with _opened(path) as image:
         return image.size
 
 
@@ -44,10 +46,10 @@ def read_color(path: Path, size: tuple[int, int], enough: tuple[int, int]) -> Im
     Raises:
         FrameError: If it can't be read, or is of another size.
     """
-    image = _open(path)
-    require_size(path, image.size, size)
-    image.draft('RGB', enough)
-    return _load(path, image).convert('RGB')
+    with _opened(path) as image:
+        _require_size(path, image.size, size)
+        image.draft('RGB', enough)
+        return image.convert('RGB')
 
 
 def read_depth(path: Path, size: tuple[int, int]) -> NDArray[np.uint16]:
@@ -56,12 +58,12 @@ def read_depth(path: Path, size: tuple[int, int]) -> NDArray[np.uint16]:
     Raises:
         FrameError: If it can't be read, or is of another size.
     """
-    image = _open(path)
-    require_size(path, image.size, size)
-    if image.mode not in ('I;16', 'I'):
-        msg = f'{path.name} is no depth image of 16 bits, its mode is {image.mode}.'
-        raise FrameError(msg)
-    return np.asarray(_load(path, image)).astype(np.uint16)
+    with _opened(path) as image:
+        _require_size(path, image.size, size)
+        if image.mode not in ('I;16', 'I'):
+            msg = f'{path.name} is no depth image of 16 bits, its mode is {image.mode}.'
+            raise FrameError(msg)
+        return np.array(image, dtype=np.uint16)
 
 
 def read_labels(path: Path, size: tuple[int, int]) -> NDArray[np.uint8]:
@@ -70,15 +72,15 @@ def read_labels(path: Path, size: tuple[int, int]) -> NDArray[np.uint8]:
     Raises:
         FrameError: If it can't be read, or is of another size.
     """
-    image = _open(path)
-    require_size(path, image.size, size)
-    if image.mode not in ('L', 'P'):
-        msg = f'{path.name} is no image of labels of 8 bits, its mode is {image.mode}.'
-        raise FrameError(msg)
-    return np.asarray(_load(path, image))
+    with _opened(path) as image:
+        _require_size(path, image.size, size)
+        if image.mode not in ('L', 'P'):
+            msg = f'{path.name} is no image of labels of 8 bits, its mode is {image.mode}.'
+            raise FrameError(msg)
+        return np.array(image, dtype=np.uint8)
 
 
-def require_size(path: Path, size: tuple[int, int], expected: tuple[int, int]) -> None:
+def _require_size(path: Path, size: tuple[int, int], expected: tuple[int, int]) -> None:
     """Refuse an image whose width and height are not the expected ones."""
     if size != expected:
         msg = (
@@ -113,21 +115,18 @@ def sample_depth(
     return pixels, part[rows, columns]
 
 
-def _open(path: Path) -> Image.Image:
+@contextmanager
+def _opened(path: Path) -> Iterator[Image.Image]:
+    """Open an image, and name it if it turns out not to be one, now or when it is decoded."""
     try:
-        return Image.open(path)
+        with Image.open(path) as image:
+            yield image
+    except FrameError:
+        raise
     except FileNotFoundError as error:
         msg = f'{path.name} is missing.'
         raise FrameError(msg) from error
-    except (OSError, ValueError, Image.DecompressionBombError) as error:
-        msg = f'{path.name} is no image that can be read.'
+    except (OSError, SyntaxError, ValueError, IndexError, Image.DecompressionBombError) as error:
+        reason = str(error).split('\n', maxsplit=1)[0].replace(str(path), path.name)
+        msg = f'{path.name} is cut or broken ({reason}).'
         raise FrameError(msg) from error
-
-
-def _load(path: Path, image: Image.Image) -> Image.Image:
-    try:
-        image.load()
-    except (OSError, SyntaxError, ValueError, IndexError) as error:
-        msg = f'{path.name} is cut or broken ({error}).'
-        raise FrameError(msg) from error
-    return image

@@ -114,17 +114,26 @@ class PosedSequence:
         """The frames, in order."""
         return list(self._entries)
 
+    def stamp_of(self, name: str) -> int:
+        """Return when a frame was taken, in nanoseconds."""
+        return self._entries[name].stamp
+
+    def camera_to_map(self, name: str) -> NDArray[np.float64]:
+        """Return what takes points of a frame's optical frame into the map, (4, 4).
+
+        Raises:
+            FrameError: If there is no such frame, or its pose can't be read.
+        """
+        return self.up_from_world @ self._entry(name).pose()
+
     def read(self, name: str) -> RgbdFrame:
         """Read a frame.
 
         Raises:
             FrameError: If it can't be read, with one sentence that says why.
         """
-        entry = self._entries.get(name)
-        if entry is None:
-            msg = f'{self.name} has no frame {name!r}.'
-            raise FrameError(msg)
-        world_from_camera = entry.pose()
+        entry = self._entry(name)
+        matrix = self.camera_to_map(name)
         full, camera = self._written.camera, self.camera
         size = full.width, full.height
         image = read_color(entry.color, size, (camera.width, camera.height))
@@ -134,14 +143,13 @@ class PosedSequence:
         if camera != full:
             raw = nearest_pixels(raw, camera)
         units = self._written.units_per_metre
-        matrix = self.up_from_world @ world_from_camera @ np.linalg.inv(self.mount.matrix())
         return RgbdFrame(
             name=name,
             stamp=entry.stamp,
             color=np.asarray(image),
             depth=raw if units == MILLIMETRES else (raw / units).astype(np.float32),
             camera=camera,
-            pose=Pose3D.from_matrix(matrix),
+            pose=Pose3D.from_matrix(matrix @ np.linalg.inv(self.mount.matrix())),
             mount=self.mount,
         )
 
@@ -176,6 +184,12 @@ class PosedSequence:
                 points = np.stack([pose[:3, 3] for pose in poses])
             floor = lowest_floor(points, down)
         return floor.to_level()
+
+    def _entry(self, name: str) -> SequenceEntry:
+        if name not in self._entries:
+            msg = f'{self.name} has no frame {name!r}.'
+            raise FrameError(msg)
+        return self._entries[name]
 
     def _without_invalid(self, raw: NDArray[np.uint16]) -> NDArray[np.uint16]:
         if self._written.invalid >= 0:

@@ -154,7 +154,8 @@ class RgbdMapper:
         frame = thin(frame, config.max_pixels)
         depth = depth_in_metres(frame.depth)
         frame = replace(frame, depth=depth)
-        camera_to_map = frame.camera_to_map()
+        # To a nanometre: what a pose loses on its way through a message changes no cell.
+        camera_to_map = np.round(frame.camera_to_map(), 9)
         points = unproject(depth, frame.camera, camera_to_map)
         near = (depth > 0) & (depth <= config.max_range)
         camera = camera_to_map[:3, 3].copy()

@@ -26,7 +26,7 @@ from avd_player.simulation import DEFAULT_TARGET, VIEWS, ActiveVisionSimulation,
 from avd_player.sources import AvdSource, PosedSequence, open_source
 from gridnav.actions import DONE
 from gridnav.metrics import Outcome
-from gridnav.rgbd import MILLIMETRE, CameraMount, FrameError, Pose3D, RgbdFrame
+from gridnav.rgbd import MILLIMETRE, VIEW_SUFFIX, CameraMount, FrameError, Pose3D, RgbdFrame
 from gridnav.ros.conversions import NANOSECONDS, header, to_nanoseconds, to_stamp
 from gridnav.ros.episode import PLANNER_GAVE_UP, EpisodeStatus
 from gridnav.ros.node import BaseNode
@@ -47,9 +47,6 @@ SOURCE = 'avd_player'
 """Who speaks on ``episode``."""
 
 REPLAY, CLOSED_LOOP = 'replay', 'closed_loop'
-
-VIEW_SUFFIX = '_view'
-"""What is added to the robot's frame in the odom of a view that is not the last of its step."""
 
 STEP_NS = 1000
 """Stamps of a step differ by nanoseconds, those of two steps by this at least."""
@@ -519,9 +516,7 @@ class AvdPlayerNode(BaseNode[AvdPlayerParameters]):
         """
         simulation, base = self._simulation, self.parameters.base_frame
         self._say_time()
-        names = simulation.seen_names
-        ahead = names.index(simulation.heading_name)
-        names = names[ahead + 1 :] + names[: ahead + 1]
+        names = simulation.looked_at
         first = self._stamp
         self._stamp = first + len(names) - 1
         self._observation = []

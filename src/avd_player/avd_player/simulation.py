@@ -195,6 +195,13 @@ class ActiveVisionSimulation:
         return list(names) if self.rules.views == 'all' else [names[self.view]]
 
     @property
+    def looked_at(self) -> list[str]:
+        """File names of the images that the robot sees now, the one of its heading last."""
+        names = self.seen_names
+        ahead = names.index(self.heading_name)
+        return names[ahead + 1 :] + names[: ahead + 1]
+
+    @property
     def heading_name(self) -> str:
         """File name of the image that looks where the robot looks."""
         return self.scene.views[self.position][self.view]

@@ -183,6 +183,11 @@ class MapperParameters:
     queue_size: int = parameter(
         32, 'RGB-D: how many images wait at most', low=1, high=1000, read_only=True
     )
+    reliable_images: bool = parameter(
+        False,  # noqa: FBT003
+        'RGB-D: images are waited for until they come through; only where the camera offers that',
+        read_only=True,
+    )
     views_per_step: int = parameter(
         1,
         'RGB-D: a map is published after so many frames, such as all views of a robot that looks '

@@ -94,7 +94,8 @@ class RgbdInput:
             validate=partial(validate_odometry, frames=(p.odom_frame, p.map_frame)),
         )
         # All views of a robot that looks around come at once and wait here for their turns.
-        images = QoSProfile(depth=p.queue_size, reliability=SENSOR_QOS.reliability)
+        offered = RELIABLE_QOS if p.reliable_images else SENSOR_QOS
+        images = QoSProfile(depth=p.queue_size, reliability=offered.reliability)
         node.subscribe(
             CameraInfo,
             'camera/camera_info',

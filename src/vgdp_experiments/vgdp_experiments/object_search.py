@@ -16,14 +16,13 @@ from gridnav import DONE, GridGeometry
 from gridnav.metrics import Outcome
 from vgdp_experiments.methods.frontier import NearestFrontier
 from vgdp_planner.cycle import Decision, PlanningCycle
-from vgdp_planner.planning_grid import GridSettings, OccupiedError, OutsideMapError
+from vgdp_planner.planning_grid import GridSettings
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from avd_player.simulation import ActiveVisionSimulation
     from bev_mapper.rgbd_mapper import RgbdMapper
-
     from gridnav.metrics import EpisodeResult
     from vgdp_planner.cycle import Observation
     from vgdp_planner.planner import ValueGuidedPlanner
@@ -36,7 +35,7 @@ MAP_CELL_M = 0.1
 MAP_CELLS = 45
 """The map begins with so many rows and columns; the positions lie in the middle of its blocks."""
 
-ROBOT_RADIUS_M = 0.15
+ROBOT_RADIUS_M = 0.2
 BLOCKED_AFTER = 1
 """Moves of a scene's robot do not slip: where one leads nowhere there is something."""
 
@@ -141,18 +140,7 @@ def search(
     stamp = 0
     _take_in(simulation, mapper, cycle, stamp)
     while simulation.outcome is Outcome.RUNNING:
-        try:
-            observation = cycle.observation()
-            if observation is None:
-                msg = f'The cycle waits for {cycle.waiting_for}, which never comes.'
-                raise RuntimeError(msg)
-            committed = searcher.decide(observation.grid)
-            again = None if committed else cycle.reopened(observation)
-            if again is not None:
-                observation = again
-                committed = searcher.decide(observation.grid)
-        except (OccupiedError, OutsideMapError):
-            committed = []
+        observation, committed = _decide(cycle, searcher)
         if not committed:
             simulation.give_up()
             break
@@ -173,11 +161,24 @@ def search(
     return simulation.result()
 
 
+def _decide(cycle: PlanningCycle, searcher: Searcher) -> tuple[Observation, list[int]]:
+    """Return what to plan on and what is decided, as the planner's node does."""
+    observation = cycle.observation()
+    if observation is None:
+        msg = f'The cycle waits for {cycle.waiting_for}, which never comes.'
+        raise RuntimeError(msg)
+    committed = searcher.decide(observation.grid)
+    again = None if committed else cycle.reopened(observation)
+    if again is not None:
+        observation, committed = again, searcher.decide(again.grid)
+    return observation, committed
+
+
 def _take_in(
     simulation: ActiveVisionSimulation, mapper: RgbdMapper, cycle: PlanningCycle, stamp: int
 ) -> None:
     """Map what the robot sees now, and tell the cycle of it."""
-    for name in simulation.seen_names:
+    for name in simulation.looked_at:
         mapper.add(replace(simulation.scene.frame(name), stamp=stamp))
     x, y = simulation.scene.positions[simulation.position].tolist()
     cycle.add_pose(stamp, x, y)

@@ -16,6 +16,7 @@ from std_msgs.msg import ColorRGBA, UInt8
 from visualization_msgs.msg import Marker, MarkerArray
 
 from gridnav.actions import DONE
+from gridnav.rgbd import VIEW_SUFFIX
 from gridnav.ros.conversions import (
     from_occupancy_grid,
     header,
@@ -274,6 +275,8 @@ class PlannerNode(BaseNode[PlannerParameters]):
         self._cycle.set_goal(to_nanoseconds(message.header.stamp), position.x, position.y)
 
     def _on_odom(self, cycle: PlanningCycle, message: Odometry) -> None:
+        if message.child_frame_id.endswith(VIEW_SUFFIX):
+            return
         position = message.pose.pose.position
         stamp = to_nanoseconds(message.header.stamp)
         if cycle.add_pose(stamp, position.x, position.y):

@@ -172,11 +172,18 @@ def _add_home_demo(groups: argparse._SubParsersAction[argparse.ArgumentParser]) 
     add('--timeout', type=float, default=60.0, metavar='S', help='longest time without a step')
     add('--images', action='store_true', help='record images and points, too')
     add(
+        '--homes',
+        type=Path,
+        default=Path('out/homes'),
+        metavar='FOLDER',
+        help='where the synthetic homes are, and are made',
+    )
+    add(
         '--out',
         type=Path,
         default=Path('out/demo-home'),
         metavar='FOLDER',
-        help='where the home, the bag, the logs and the pictures go',
+        help='where the bag, the logs and the pictures go',
     )
     parser.set_defaults(run=_run_home_demo)
 
@@ -193,6 +200,7 @@ def _run_home_demo(args: argparse.Namespace) -> int:
             max_steps=args.max_steps,
             timeout=args.timeout,
             images=args.images,
+            homes=args.homes,
             out=args.out,
         )
     )

@@ -61,7 +61,8 @@ class HomeDemoOptions:
         max_steps: Actions after which the search ends.
         timeout: Seconds without any new step after which the run counts as stuck.
         images: Whether images and points are recorded, too.
-        out: Folder for the home, the bag, the logs and the pictures.
+        homes: Folder for the synthetic homes, which are made once.
+        out: Folder for the bag, the logs and the pictures.
     """
 
     seed: int
@@ -71,6 +72,7 @@ class HomeDemoOptions:
     max_steps: int
     timeout: float
     images: bool
+    homes: Path
     out: Path
 
 
@@ -144,6 +146,6 @@ def run_stack(options: HomeDemoOptions, bag: Path, console: Console) -> None:
 def _make_home(options: HomeDemoOptions, console: Console) -> Path:
     """Return the folder of the synthetic home, which is made unless it is there."""
     console.print('Making a home, which takes a minute or two the first time.')
-    folder = options.out / 'homes'
-    write_homes(folder, 1, HOMES_SEED, first=options.seed + 1, workers=min(2, os.cpu_count() or 1))
-    return folder / scene_name(options.seed + 1)
+    number = options.seed + 1
+    write_homes(options.homes, 1, HOMES_SEED, first=number, workers=os.cpu_count() or 1)
+    return options.homes / scene_name(number)

@@ -117,6 +117,15 @@ def fit_floor(
     return Floor(up, offset)
 
 
+def levelled(floor: Floor, points: NDArray[np.float64], down: NDArray[np.float64]) -> Floor:
+    """Return a floor at right angles to gravity (3,), through the middle of its points (N, 3).
+
+    Poses that look all around know gravity better than points, which are few and lie in patches.
+    """
+    near = points[np.abs(points @ floor.up + floor.offset) < THICKNESS_M]
+    return Floor(-down, float(np.median(near @ down)))
+
+
 def lowest_floor(points: NDArray[np.float64], down: NDArray[np.float64]) -> Floor:
     """Return the level plane below all but the lowest hundredth of the points (N, 3)."""
     lowest = np.percentile(points @ -down, 1)

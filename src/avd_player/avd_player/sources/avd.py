@@ -23,7 +23,7 @@ from avd_player.avd_format import (
     read_scene_files,
 )
 from avd_player.distortion import Lens, Straightener
-from avd_player.floor import Floor, align_to_grid, down_of, fit_floor, lowest_floor
+from avd_player.floor import Floor, align_to_grid, down_of, fit_floor, levelled, lowest_floor
 from avd_player.sources.images import (
     image_size,
     read_color,
@@ -45,6 +45,9 @@ IMAGE_PERIOD_NS = 100_000_000
 
 FLOOR_IMAGES = 12
 """The floor is fitted to the depth of this many images."""
+
+MAX_GRAVITY_ERROR = 0.03
+"""In radians: where floor and poses differ by more on what is level, the floor is right."""
 
 DEFAULT_HEIGHT_M = 1.0
 """Of the camera, where no depth image can be read."""
@@ -251,6 +254,8 @@ class AvdSource:
             clouds.append((rays * z[:, None]) @ matrix[:3, :3].T + matrix[:3, 3])
         points = np.vstack(clouds) if clouds else np.empty((0, 3))
         floor = fit_floor(points, self._down)
+        if floor is not None and -(floor.up @ self._down) > math.cos(MAX_GRAVITY_ERROR):
+            return levelled(floor, points, self._down)
         if floor is None:
             if len(points):
                 floor = lowest_floor(points, self._down)

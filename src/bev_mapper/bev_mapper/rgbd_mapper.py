@@ -11,7 +11,7 @@ import numpy as np
 
 from bev_mapper.evidence_grid import Crop, Evidence, EvidenceGrid
 from bev_mapper.floor import FloorTracker, Plane
-from bev_mapper.grid_fusion import DEFAULT_MAX_CELLS
+from bev_mapper.grid_fusion import DEFAULT_GROWTH, DEFAULT_MAX_CELLS
 from bev_mapper.majority_grid import MajorityGrid
 from bev_mapper.segmentation import CloudSegmenter, GeometricSegmenter
 from bev_mapper.unprojection import depth_in_metres, thin, unproject
@@ -61,9 +61,9 @@ class MapperConfig:
         relabel_every: A model of whole clouds labels it after so many frames; 0 at the end alone.
     """
 
-    geometry: GridGeometry = field(default_factory=lambda: GridGeometry(45, 45, 0.1, -2.25, -2.25))
+    geometry: GridGeometry = field(default_factory=lambda: GridGeometry(15, 15, 0.1))
     mode: Mode = 'evidence'
-    growth: int = 15
+    growth: int = DEFAULT_GROWTH
     max_cells: int = DEFAULT_MAX_CELLS
     crop: Crop = field(default_factory=Crop)
     footprint: float = 0.2
@@ -85,6 +85,9 @@ class RgbdMapper:
         cloud: Everything that was seen.
         grid: The map.
         frames: How many frames are in it.
+        stamp: The newest stamp in it in nanoseconds, -1 if there is none.
+        segmenter: Name of what tells floor from obstacles.
+        position: x and y of the last frame's pose in metres, None before the first one.
         floor: Where the last frame's floor was.
         timings: Seconds that each stage of the last frame took.
     """
@@ -131,6 +134,7 @@ class RgbdMapper:
     def _forget(self) -> None:
         self.frames = 0
         self.stamp = -1
+        self.position: tuple[float, float] | None = None
         self.floor = Plane()
         self.timings = dict.fromkeys(STAGES, 0.0)
 
@@ -188,6 +192,7 @@ class RgbdMapper:
         clock.lap('cloud')
         self.frames += 1
         self.stamp = max(self.stamp, frame.stamp)
+        self.position = frame.pose[:2]
         if isinstance(self.grid, MajorityGrid):
             every = config.relabel_every
             if self._whole is not None and every and self.frames % every == 0:

@@ -88,7 +88,7 @@ class Style:
         ]
         self._lacquers = [
             self.materials.colour(
-                hsv(rng.random(), rng.choice([0.03, 0.05, 0.3, 0.6]), rng.uniform(0.3, 0.95)),
+                hsv(rng.random(), rng.choice([0.02, 0.04, 0.06, 0.12, 0.3, 0.6]), rng.uniform(0.3, 0.95)),
                 gloss=0.06,
             )
             for _ in range(3)
@@ -581,8 +581,14 @@ def bed_set(style: Style) -> Item:
     return Item(join(parts), width, long, 1.1, tuple(tops), tuple(lamps))
 
 
-def kitchen_row(style: Style, width: float) -> Item:
-    """Make a kitchen: base cupboards, worktop, sink, hob, oven, cupboards above, often a fridge."""
+def kitchen_row(style: Style, width: float, *, cupboards_above: bool) -> Item:
+    """Make a kitchen: base cupboards, worktop, sink, hob, oven, and more.
+
+    Args:
+        style: Of the home.
+        width: Metres.
+        cupboards_above: Whether there are cupboards or shelves on the wall, and often a fridge.
+    """
     depth, height = 0.6, style.between(0.86, 0.93)
     front, handle = style.front(), style.steel
     rng = style.rng
@@ -593,7 +599,7 @@ def kitchen_row(style: Style, width: float) -> Item:
     parts, tops = [], []
     start = -half
     tall = 0.0
-    if width > 1.9 and style.chance(0.85):
+    if cupboards_above and width > 1.9 and style.chance(0.85):
         tall = style.between(1.6, 2.0)
         parts.append(fridge(style, tall).mesh.moved(-half + 0.31, 0))
         start += 0.62
@@ -640,7 +646,7 @@ def kitchen_row(style: Style, width: float) -> Item:
         else:
             tops.append(Top(low + 0.06, 0.12, high - 0.06, depth - 0.08, height))
     above = style.between(1.4, 1.5)
-    if style.chance(0.85):
+    if cupboards_above and style.chance(0.85):
         upper = start + (step if style.chance(0.3) else 0.0)
         other = style.front() if style.chance(0.3) else front
         high_end = above + style.between(0.5, 0.75)
@@ -653,13 +659,13 @@ def kitchen_row(style: Style, width: float) -> Item:
                 box((low + 0.004, 0.32, above + 0.004), (high - 0.004, 0.338, high_end - 0.004), other, CLUTTER),
                 box(((low + high) / 2 - 0.06, 0.338, above + 0.03), ((low + high) / 2 + 0.06, 0.355, above + 0.045), handle, CLUTTER),
             ]
-    elif style.chance(0.7):
+    elif cupboards_above:
         parts.append(box((start + 0.2, 0, above), (half - 0.2, 0.24, above + 0.03), style.wood(), CLUTTER))
         parts += [
             small_thing(style, 0.25).mesh.moved(x, 0.13, above + 0.03)
             for x in np.arange(start + 0.35, half - 0.3, 0.22).tolist()
         ]
-    return Item(join(parts), width, depth + 0.03, 2.2, tuple(tops))
+    return Item(join(parts), width, depth + 0.03, 2.2 if cupboards_above else height, tuple(tops))
 
 
 def fridge(style: Style, height: float) -> Item:
@@ -934,7 +940,7 @@ def some_bottle(style: Style) -> Item:
     """Make a bottle, one of any kind but the one that is looked for."""
     height, radius = style.between(0.18, 0.32), style.between(0.03, 0.042)
     hue = style.between(0.2, 0.65)
-    glass = style.materials.colour(hsv(hue, style.between(0.2, 0.8), style.between(0.2, 0.8)), gloss=0.3)
+    glass = style.materials.colour(hsv(hue, style.between(0.2, 0.8), style.between(0.2, 0.8)), gloss=0.12)
     neck = style.between(0.55, 0.75)
     profile = [(0.0, 0.0), (radius, 0.0), (radius, height * neck), (radius * 0.38, height * (neck + 0.14)), (radius * 0.36, height), (0.0, height)]
     parts = [

@@ -93,7 +93,7 @@ def make_instance(style: Style, number: int) -> Mesh:
 
 def _cola(style: Style, size: tuple[float, float, float], colour: Colour) -> Mesh:
     radius, height = size[0] / 2, size[2]
-    glass = style.materials.colour(colour, gloss=0.45)
+    glass = style.materials.colour(colour, gloss=0.12)
     label = style.materials.add(textures.cola, (0.8, 0.05, 0.07), gloss=0.05)
     cap = style.materials.colour((0.75, 0.08, 0.08), gloss=0.1)
     below = [(0.0, 0.0), (0.8, 0.0), (0.92, 0.03), (0.95, 0.12), (0.86, 0.27), (0.88, 0.3)]
@@ -115,7 +115,7 @@ def _cola(style: Style, size: tuple[float, float, float], colour: Colour) -> Mes
 
 def _bottle(style: Style, size: tuple[float, float, float], colour: Colour) -> Mesh:
     width, depth, height = size
-    body = style.materials.colour(colour, gloss=0.15)
+    body = style.materials.colour(colour, gloss=0.06)
     label = style.materials.add(textures.package, _CREAM)
     cap = style.materials.colour(_WHITE if sum(colour) < 1.5 else _BLACK)  # noqa: PLR2004
     radius = width / 2

@@ -93,19 +93,17 @@ class Layout(NamedTuple):
     openings: tuple[Opening, ...]
 
 
-def draw_layout(rng: np.random.Generator, area: float) -> Layout | None:
+def draw_layout(rng: np.random.Generator, area: float, count: int) -> Layout | None:
     """Draw a flat.
 
     Args:
         rng: Source of the draws.
         area: Square metres.
+        count: Number of rooms, as in `KINDS`.
 
     Returns:
         The flat, or None if what was drawn is of no use.
     """
-    most = 6 if area > 46 else 5 if area > 34 else 4  # noqa: PLR2004 - square metres
-    fewest = 3 if area < 60 else 4  # noqa: PLR2004
-    count = int(rng.integers(fewest, most + 1))
     aspect = rng.uniform(1.0, 1.65)
     width, depth = float(np.sqrt(area * aspect)), float(np.sqrt(area / aspect))
     corridor = count >= 5 and rng.random() < 0.6  # noqa: PLR2004

@@ -12,11 +12,14 @@ from scipy import ndimage
 from avd_player.homes import furniture, textures
 from avd_player.homes.furniture import (
     BEAM,
+    BOOKCASE,
     CEILING,
+    CHAIR,
     CLUTTER,
     COLUMN,
     DOOR,
     FLOOR,
+    TABLE,
     WALL,
     WINDOW,
     Item,
@@ -29,7 +32,7 @@ from avd_player.homes.instances import (
     instance_size,
     make_instance,
 )
-from avd_player.homes.layout import EAST, NORTH, SOUTH, WEST, Layout, Opening, Room, draw_layout
+from avd_player.homes.layout import KINDS, EAST, NORTH, SOUTH, WEST, Layout, Opening, Room, draw_layout
 from avd_player.homes.light import Light
 from avd_player.homes.mesh import Mesh, box, cylinder, join, rectangle
 from avd_player.homes.rays import NOTHING, Caster
@@ -73,7 +76,17 @@ POSITIONS = 200
 FEWEST_POSITIONS = 40
 """A home with fewer of them is drawn anew."""
 
-ATTEMPTS = 60
+ATTEMPTS = 100
+"""A home is drawn anew so often at most."""
+
+PATIENCE = 20
+"""After so many attempts a home gets a room less."""
+
+AREA_OF_POSITION = 0.26
+"""A home has about one position for so many square metres."""
+
+ROOM_SHARES = (0.2, 0.35, 0.3, 0.15)
+"""So many of the homes have 3, 4, 5 and 6 rooms."""
 
 CELL = 0.25
 """Light on walls, floors and ceilings is computed at points so far apart, metres."""
@@ -148,6 +161,23 @@ class Home:
     camera_pitch: float
 
 
+_WALLS = (*[textures.plaster] * 5, textures.wallpaper, textures.concrete, textures.bricks)
+_ACCENTS = (
+    textures.plaster,
+    textures.wallpaper,
+    textures.concrete,
+    textures.bricks,
+    textures.wood,
+)
+_FLOORS = (
+    *[textures.planks] * 3,
+    textures.herringbone,
+    textures.carpet,
+    textures.tiles,
+    textures.concrete,
+)
+
+
 class _Unusable(Exception):
     """What was drawn can't be used."""
 
@@ -175,9 +205,12 @@ def draw_home(
     seeds = [seed] if isinstance(seed, int) else list(seed)
     rng = np.random.default_rng(seeds)
     size = float(rng.uniform(low, min(high, max(low, positions * AREA_OF_POSITION))))
+    rooms = int(rng.choice(list(KINDS), p=ROOM_SHARES))
     for attempt in range(ATTEMPTS):
         try:
-            home = _draw(np.random.default_rng([*seeds, attempt]), size)
+            # What proves hard to furnish gets fewer rooms.
+            count = max(min(KINDS), rooms - attempt // PATIENCE)
+            home = _draw(np.random.default_rng([*seeds, attempt]), size, count)
         except _Unusable:
             continue
         if len(home.positions) <= positions:
@@ -187,12 +220,8 @@ def draw_home(
     raise ValueError(msg)
 
 
-AREA_OF_POSITION = 0.24
-"""A home has about one position for so many square metres."""
-
-
-def _draw(rng: np.random.Generator, area: float) -> Home:
-    layout = draw_layout(rng, area)
+def _draw(rng: np.random.Generator, area: float, rooms: int) -> Home:
+    layout = draw_layout(rng, area, rooms)
     if layout is None:
         raise _Unusable
     return _Builder(rng, layout).home()
@@ -255,6 +284,7 @@ class _Builder:
         self._structure()
         for index in sorted(range(len(self.rooms)), key=lambda i: -self.rooms[i].area):
             _FURNISH[self.rooms[index].kind](self, index)
+        self._complete()
         for index in range(len(self.rooms)):
             self._hang(index)
         self._ceiling_lamps()
@@ -335,24 +365,23 @@ class _Builder:
         )
         return corners[::step, ::step]
 
-    def _place(self, item: Item, room: int, x: float, y: float, yaw: float, z: float = 0.0) -> None:
+    def _place(self, item: Item, x: float, y: float, yaw: float) -> None:
         """Put a thing where it is known to fit."""
-        self.parts.append(item.mesh.moved(x, y, z, yaw))
+        self.parts.append(item.mesh.moved(x, y, 0, yaw))
         cos, sin = np.cos(yaw), np.sin(yaw)
         for top in item.tops:
             rect = self._rect((top.x0, top.y0, top.x1, top.y1), x, y, yaw)
-            self.tops.append(Top(*rect, top.z + z))
+            self.tops.append(Top(*rect, top.z))
         warm = self.style.between(0.75, 0.95)
         for lx, ly, lz, strength in item.lamps:
             self.lights.append(
                 Light(
                     float(x + lx * cos - ly * sin),
                     float(y + lx * sin + ly * cos),
-                    float(lz + z),
+                    lz,
                     (strength, strength * (0.5 + 0.5 * warm), strength * warm * warm),
                 )
             )
-        del room
 
     def _stand(
         self,
@@ -412,7 +441,7 @@ class _Builder:
                 self.hung.append(
                     _Hung(room, side, along - half, along + half, 0.0, item.height)
                 )
-            self._place(item, room, x, y, yaw)
+            self._place(item, x, y, yaw)
             return True
         return False
 
@@ -493,10 +522,8 @@ class _Builder:
         low, high, depth = opening.low, opening.high, 0.14
         half = width / 2
         parts = self._niche(width, low, high, depth, style.white, WALL)
-        parts.append(rectangle((half, -depth, low), (-width, 0, 0), (0, 0, high - low), sky, WINDOW, fit=True))
-        # As seen from inside, right is at negative x of furniture; the pane faces the room.
-        parts[-1] = rectangle((-half, -depth, low), (width, 0, 0), (0, 0, high - low), sky, WINDOW, fit=True)
-        parts[-1] = _turned_to_room(parts[-1])
+        pane = (half, -depth, low), (-width, 0, 0), (0, 0, high - low)
+        parts.append(rectangle(*pane, sky, WINDOW, fit=True))
         edge = 0.055
         bars = [(-half, low, half, low + edge), (-half, high - edge, half, high), (-half, low, -half + edge, high), (half - edge, low, half, high)]
         for index in range(1, max(1, round(width / style.between(0.55, 0.9)))):
@@ -609,7 +636,7 @@ class _Builder:
         along_x = np.cos(yaw) if side in {SOUTH, NORTH} else np.sin(yaw)
         to_opening = (1.0 if near_start else -1.0) * along_x
         if to_opening > 0:
-            mesh = mesh.moved(0, -0.04).moved(0, 0.0, 0, angle) if False else mesh.moved(0, 0, 0, angle)
+            mesh = mesh.moved(0, 0, 0, angle)
             tip = np.array([np.cos(angle), np.sin(angle)]) * wide
         else:
             mesh = mesh.mirrored().moved(0, 0, 0, -angle)
@@ -634,12 +661,14 @@ class _Builder:
         ceiling = add(textures.plaster, hsv(rng.uniform(0.08, 0.16), rng.uniform(0, 0.06), rng.uniform(0.85, 0.97)), 1.5)
         dry = self._dry_floor()
         skirting = style.white if style.chance(0.6) else style.wood()
-        base_hue, base_sat = rng.random(), rng.uniform(0.0, 0.25)
+        base_hue, base_sat = rng.random(), rng.uniform(0.0, 0.2)
         for index, room in enumerate(self.rooms):
             floor = dry if style.chance(0.65) else self._dry_floor()
-            hue, sat = (base_hue, base_sat) if style.chance(0.5) else (rng.random(), rng.uniform(0.0, 0.45))
-            kind = [textures.plaster, textures.plaster, textures.plaster, textures.wallpaper, textures.concrete][int(rng.integers(5))]
-            wall = add(kind, hsv(hue, sat, rng.uniform(0.55, 0.95)), rng.uniform(0.8, 2.0))
+            hue, sat = base_hue, base_sat
+            if style.chance(0.5):
+                hue, sat = rng.random(), 0.5 * rng.beta(1.0, 2.5)
+            kind = _WALLS[int(rng.integers(len(_WALLS)))]
+            wall = add(kind, hsv(hue, sat, rng.uniform(0.6, 0.97)), rng.uniform(0.8, 1.3))
             if room.kind in {'bath', 'kitchen'} and style.chance(0.85 if room.kind == 'bath' else 0.6):
                 floor = add(textures.tiles, hsv(rng.random(), rng.uniform(0, 0.35), rng.uniform(0.3, 0.9)), rng.uniform(0.8, 1.6), gloss=0.1)
                 if room.kind == 'bath':
@@ -654,14 +683,14 @@ class _Builder:
                 material = wall
                 if side == accent:
                     material = add(
-                        [textures.plaster, textures.wallpaper, textures.concrete, textures.wood][int(rng.integers(4))],
+                        _ACCENTS[int(rng.integers(len(_ACCENTS)))],
                         hsv(rng.random(), rng.uniform(0.1, 0.6), rng.uniform(0.35, 0.85)), rng.uniform(0.8, 1.6),
                     )
                 self._wall(index, side, material, skirting)
 
     def _dry_floor(self) -> int:
         rng = self.rng
-        kind = [textures.planks, textures.planks, textures.herringbone, textures.carpet, textures.tiles, textures.concrete][int(rng.integers(6))]
+        kind = _FLOORS[int(rng.integers(len(_FLOORS)))]
         if kind is textures.carpet:
             colour = hsv(rng.random(), rng.uniform(0.0, 0.5), rng.uniform(0.25, 0.75))
         elif kind in {textures.tiles, textures.concrete}:
@@ -712,10 +741,10 @@ class _Builder:
         style, rng = self.style, self.rng
         height = self.layout.height
         material = style.materials.add(
-            [textures.plaster, textures.concrete, textures.wood][int(rng.integers(3))],
+            _ACCENTS[int(rng.integers(len(_ACCENTS)))],
             hsv(rng.uniform(0.05, 0.12), rng.uniform(0, 0.3), rng.uniform(0.45, 0.95)), 1.0,
         )
-        if style.chance(0.85):
+        if style.chance(0.92):
             for _ in range(int(rng.integers(1, 3))):
                 room = self.rooms[int(rng.integers(len(self.rooms)))]
                 thick, drop = style.between(0.12, 0.3), style.between(0.14, 0.32)
@@ -770,13 +799,13 @@ class _Builder:
 
     def _ceiling_lamps(self) -> None:
         night = not any(light.facing != (0.0, 0.0) and light.colour[0] > 0.05 for light in self.lights)  # noqa: PLR2004
-        for index, room in enumerate(self.rooms):
+        for room in self.rooms:
             long = max(room.x1 - room.x0, room.y1 - room.y0)
             for share in (0.3, 0.7) if long > 4.5 else (0.5,):  # noqa: PLR2004
                 x = room.x0 + (room.x1 - room.x0) * (share if long == room.x1 - room.x0 else 0.5)
                 y = room.y0 + (room.y1 - room.y0) * (share if long == room.y1 - room.y0 else 0.5)
                 on = night or self.style.chance(0.7)
-                self._place(furniture.ceiling_lamp(self.style, self.layout.height, on=on), index, x, y, 0.0)
+                self._place(furniture.ceiling_lamp(self.style, self.layout.height, on=on), x, y, 0.0)
 
     # Positions
 
@@ -963,69 +992,99 @@ class _Builder:
 
     # Rooms
 
+    def _must(self, room: int, make: Callable[[], Item], **how: bool) -> None:
+        """Place what a room can't be without, in one of several versions of it."""
+        if not any(self._stand(make(), room, tries=12, **how) for _ in range(6)):
+            raise _Unusable
+
     def living(self, room: int) -> None:
         """Furnish a living room."""
         style, size = self.style, self.rooms[room].area
-        self._stand(furniture.sofa_group(style), room, tries=30)
+        self._must(room, lambda: furniture.sofa_group(style))
         if style.chance(0.8):
             self._stand(furniture.tv_bench(style), room)
-        if 'kitchen' not in {r.kind for r in self.rooms} or (size > 11 and style.chance(0.7)):  # noqa: PLR2004
+        alone = 'kitchen' not in {r.kind for r in self.rooms}
+        if alone or (size > 11 and style.chance(0.7)):  # noqa: PLR2004
             self._stand(furniture.dining_set(style), room, free=style.chance(0.5), tries=20)
-        self._several(room, furniture.bookcase, 1, 2 if size > 12 else 1)  # noqa: PLR2004
-        if size > 13 and style.chance(0.6):  # noqa: PLR2004
-            self._stand(furniture.sofa(style, style.between(0.8, 0.95)), room, corner=style.chance(0.5))
-        self._extras(room, 0.8)
+        self._several(room, furniture.bookcase, 1, 3)
+        if size > 10 and style.chance(0.7):  # noqa: PLR2004
+            self._stand(furniture.sofa(style, style.between(0.8, 0.95)), room)
+        if size > 12 and style.chance(0.6):  # noqa: PLR2004
+            self._stand(furniture.desk_set(style), room)
+        if style.chance(0.5):
+            self._stand(self._sideboard(), room)
+        self._extras(room, 1.0)
 
     def kitchen(self, room: int) -> None:
         """Furnish a kitchen."""
         style, r = self.style, self.rooms[room]
-        long = max(r.x1 - r.x0, r.y1 - r.y0)
-        for _ in range(4):
-            if self._stand(furniture.kitchen_row(style, min(long - 0.06, style.between(1.5, 3.4))), room, tries=16, corner=True):
-                break
-        if r.area > 6 and not (style.chance(0.85) and self._stand(furniture.dining_set(style), room, free=style.chance(0.4), tries=16)):  # noqa: PLR2004
-            self._stand(furniture.kitchen_island(style), room, free=style.chance(0.4))
+        long = max(r.x1 - r.x0, r.y1 - r.y0) - 0.06
+        high = [True, False, style.chance(0.5)]
+
+        def row() -> Item:
+            # Without cupboards above it fits below windows.
+            high.append(high.pop(0))
+            return furniture.kitchen_row(
+                style, min(long, style.between(1.5, 3.2)), cupboards_above=high[-1]
+            )
+
+        self._must(room, row, corner=True)
+        if r.area > 5:  # noqa: PLR2004
+            placed = style.chance(0.85) and self._stand(
+                furniture.dining_set(style), room, free=style.chance(0.4), tries=16
+            )
+            if not placed:
+                self._stand(furniture.kitchen_island(style), room, free=style.chance(0.4))
+        if style.chance(0.4):
+            self._stand(furniture.bookcase(style), room)
         if style.chance(0.5):
             self._stand(furniture.stool(style), room)
         self._stand(furniture.bin_(style), room)
-        self._extras(room, 0.3)
+        self._extras(room, 0.5)
 
     def bed(self, room: int) -> None:
         """Furnish a bedroom."""
         style = self.style
-        self._stand(furniture.bed_set(style), room, tries=30)
-        tall = furniture.cupboard(style, style.between(0.9, 2.0), style.between(0.55, 0.62), style.between(1.9, 2.2))
+        self._must(room, lambda: furniture.bed_set(style))
+        width, depth = style.between(0.9, 2.0), style.between(0.55, 0.62)
+        tall = furniture.cupboard(style, width, depth, style.between(1.9, 2.2))
         self._stand(tall, room, tries=20, front=0.3)
-        if style.chance(0.35):
+        if style.chance(0.45):
             self._stand(furniture.desk_set(style), room)
-        if style.chance(0.5):
-            self._stand(furniture.cupboard(style, style.between(0.6, 1.1), 0.42, style.between(0.7, 1.1)), room)
-        if style.chance(0.5):
+        if style.chance(0.6):
+            self._stand(self._sideboard(), room)
+        if style.chance(0.35):
+            self._stand(furniture.bookcase(style), room)
+        if style.chance(0.6):
             self._stand(furniture.chair(style), room)
-        self._extras(room, 0.5)
+        self._extras(room, 0.8)
 
     def office(self, room: int) -> None:
         """Furnish a study."""
         style = self.style
-        self._stand(furniture.desk_set(style), room, tries=25)
+        self._must(room, lambda: furniture.desk_set(style))
         self._several(room, furniture.bookcase, 1, 3)
-        if style.chance(0.4):
+        if style.chance(0.5):
             self._stand(furniture.sofa(style, style.between(0.8, 1.4)), room)
-        if style.chance(0.4):
+        if style.chance(0.5):
             self._stand(furniture.chair(style), room)
-        self._extras(room, 0.6)
+        if style.chance(0.5):
+            self._stand(self._sideboard(), room)
+        self._extras(room, 0.8)
 
     def bath(self, room: int) -> None:
         """Furnish a bathroom."""
         style = self.style
         if self.rooms[room].area > 3.6 and style.chance(0.75):  # noqa: PLR2004
             self._stand(furniture.bathtub(style), room, corner=True, tries=20)
-        self._stand(furniture.washbasin(style), room, tries=25)
+        self._must(room, lambda: furniture.washbasin(style))
         self._stand(furniture.toilet(style), room, tries=25)
         if style.chance(0.6):
             self._stand(furniture.washing_machine(style), room, corner=True)
         if style.chance(0.6):
             self._stand(furniture.bin_(style), room)
+        if style.chance(0.3):
+            self._stand(furniture.stool(style), room)
 
     def hall(self, room: int) -> None:
         """Furnish a hall."""
@@ -1033,8 +1092,28 @@ class _Builder:
         if style.chance(0.75):
             self._stand(furniture.coat_rack(style), room)
         if style.chance(0.6):
-            self._stand(furniture.cupboard(style, style.between(0.5, 0.9), style.between(0.22, 0.35), style.between(0.8, 1.1)), room)
-        self._extras(room, 0.3)
+            self._stand(self._sideboard(style.between(0.22, 0.35)), room)
+        if self.rooms[room].area > 6:  # noqa: PLR2004
+            self._several(room, furniture.bookcase, 0, 2)
+        self._extras(room, 0.6)
+
+    def _sideboard(self, depth: float = 0.42) -> Item:
+        style = self.style
+        return furniture.cupboard(style, style.between(0.5, 1.2), depth, style.between(0.7, 1.1))
+
+    def _complete(self) -> None:
+        """Add a table, a chair and a bookcase where a home has none yet."""
+        style = self.style
+        makers: dict[int, Callable[[], Item]] = {
+            TABLE: lambda: furniture.table(style, style.between(0.5, 0.9), 0.45, 0.7),
+            CHAIR: lambda: furniture.chair(style),
+            BOOKCASE: lambda: furniture.bookcase(style),
+        }
+        for label, make in makers.items():
+            if not any((part.labels == label).any() for part in self.parts):
+                rooms = self.rng.permutation(len(self.rooms)).tolist()
+                if not any(self._stand(make(), room) for room in rooms * 2):
+                    raise _Unusable
 
     def _several(self, room: int, make: Callable[[Style], Item], low: int, high: int) -> None:
         for _ in range(int(self.rng.integers(low, high + 1))):
@@ -1054,15 +1133,6 @@ class _Builder:
         for weight, make in makers:
             if style.chance(weight * share):
                 self._stand(make(style), room, corner=style.chance(0.6))
-
-
-def _turned_to_room(part: Mesh) -> Mesh:
-    """Return a pane that is seen from the other side."""
-    from dataclasses import replace  # noqa: PLC0415
-
-    return replace(
-        part, normals=-part.normals, faces=np.ascontiguousarray(part.faces[:, ::-1])
-    )
 
 
 _FURNISH = {

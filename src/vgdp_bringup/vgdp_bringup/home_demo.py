@@ -23,7 +23,7 @@ from vgdp_experiments.object_search import (
     BLOCKED_AFTER,
     ROBOT_RADIUS_M,
     STEP_M,
-    map_geometry,
+    mapper_config,
 )
 
 if TYPE_CHECKING:
@@ -33,9 +33,6 @@ if TYPE_CHECKING:
 
 VIEWS = 12
 """Images of a position."""
-
-GROWTH_CELLS = 15
-"""The map grows by whole blocks of the planning grid."""
 
 IMAGE_WIDTH = 480
 
@@ -90,8 +87,6 @@ def run_stack(options: HomeDemoOptions, bag: Path, console: Console) -> None:
         ValueError: If the scene can't be used.
     """
     scene = options.scene or _make_home(options, console)
-    mount = open_source(scene, IMAGE_WIDTH).mount
-    geometry = map_geometry()
     domain_id = free_domain_id()
     os.environ.setdefault('FASTRTPS_DEFAULT_PROFILES_FILE', str(QUICK_DISCOVERY))
     console.print(f'Starting the nodes, ROS_DOMAIN_ID={domain_id}.')
@@ -101,29 +96,12 @@ def run_stack(options: HomeDemoOptions, bag: Path, console: Console) -> None:
         nodes.start(
             'bev_mapper',
             python('bev_mapper.node'),
-            {
-                'input': 'rgbd',
-                'segmenter': options.segmenter,
-                'width': geometry.cols,
-                'height': geometry.rows,
-                'origin_x': geometry.origin_x,
-                'origin_y': geometry.origin_y,
-                'resolution': geometry.resolution,
-                'growth': GROWTH_CELLS,
-                'views_per_step': VIEWS,
-                'reliable_images': 'true',
-                **{f'camera_{name}': float(value) for name, value in mount._asdict().items()},
-            },
+            mapper_parameters(scene, options.segmenter),
         )
         nodes.start(
             'vgdp_planner',
             python('vgdp_planner.node'),
-            {
-                'seed': options.seed,
-                'robot_radius': ROBOT_RADIUS_M,
-                'planning_resolution': STEP_M,
-                'blocked_after': BLOCKED_AFTER,
-            },
+            planner_parameters(options.seed),
         )
         wait_for_nodes({'recorder', 'bev_mapper', 'vgdp_planner'}, nodes, watcher)
         nodes.start(
@@ -141,6 +119,41 @@ def run_stack(options: HomeDemoOptions, bag: Path, console: Console) -> None:
         with make_display(console) as display:
             follow(watcher, nodes, display, options.timeout)
         nodes.stop()
+
+
+def mapper_parameters(scene: Path, segmenter: str) -> dict[str, object]:
+    """Return the mapper's parameters for the camera of a scene.
+
+    Raises:
+        FrameError: If the scene can't be used.
+    """
+    config, mount = mapper_config(), open_source(scene).mount
+    geometry = config.geometry
+    return {
+        'input': 'rgbd',
+        'segmenter': segmenter,
+        'width': geometry.cols,
+        'height': geometry.rows,
+        'origin_x': geometry.origin_x,
+        'origin_y': geometry.origin_y,
+        'resolution': geometry.resolution,
+        'growth': config.growth,
+        'free_below': config.free_below,
+        'max_range': config.max_range,
+        'views_per_step': VIEWS,
+        'reliable_images': 'true',
+        **{f'camera_{name}': float(value) for name, value in mount._asdict().items()},
+    }
+
+
+def planner_parameters(seed: int) -> dict[str, object]:
+    """Return the planner's parameters for a robot that moves from position to position."""
+    return {
+        'seed': seed,
+        'robot_radius': ROBOT_RADIUS_M,
+        'planning_resolution': STEP_M,
+        'blocked_after': BLOCKED_AFTER,
+    }
 
 
 def _make_home(options: HomeDemoOptions, console: Console) -> Path:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from bev_mapper.rgbd_mapper import MapperConfig, RgbdMapper
 from gridnav import DONE, GridGeometry
 from gridnav.metrics import Outcome
 from vgdp_experiments.methods.frontier import NearestFrontier
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from avd_player.simulation import ActiveVisionSimulation
-    from bev_mapper.rgbd_mapper import RgbdMapper
+    from bev_mapper.segmentation import Segmenter
     from gridnav.metrics import EpisodeResult
     from vgdp_planner.cycle import Observation
     from vgdp_planner.planner import ValueGuidedPlanner
@@ -33,7 +34,17 @@ STEP_M = 0.3
 
 MAP_CELL_M = 0.1
 MAP_CELLS = 45
-"""The map begins with so many rows and columns; the positions lie in the middle of its blocks."""
+"""The map begins with so many rows and columns."""
+
+GROWTH_CELLS = 15
+"""It grows by whole blocks."""
+
+FREE_BELOW_M = 1.2
+"""The camera does not see the floor beside the robot. What it looks over from all around is taken
+to be free, rather than searched step by step."""
+
+MAPPED_RANGE_M = 3.0
+"""What is further away is not mapped: a bottle there would not be seen yet."""
 
 ROBOT_RADIUS_M = 0.2
 BLOCKED_AFTER = 1
@@ -93,10 +104,16 @@ class FrontierSearcher:
         return self._explorer.act(grid.partial_map[None], cells, active)[0]
 
 
-def map_geometry() -> GridGeometry:
-    """Return where a map of a home begins: blocks of a step's side lie around the positions."""
-    corner = -STEP_M / 2 - MAP_CELL_M * (MAP_CELLS // 2 - 1)
-    return GridGeometry(MAP_CELLS, MAP_CELLS, MAP_CELL_M, corner, corner)
+def mapper_config() -> MapperConfig:
+    """Return how a home is mapped: the positions lie in the middle of cells."""
+    corner = -MAP_CELL_M * MAP_CELLS / 2
+    geometry = GridGeometry(MAP_CELLS, MAP_CELLS, MAP_CELL_M, corner, corner)
+    return MapperConfig(
+        geometry=geometry,
+        growth=GROWTH_CELLS,
+        free_below=FREE_BELOW_M,
+        max_range=MAPPED_RANGE_M,
+    )
 
 
 @dataclass(frozen=True)
@@ -114,10 +131,10 @@ class SearchStep:
 
 def search(
     simulation: ActiveVisionSimulation,
-    mapper: RgbdMapper,
     searcher: Searcher,
     seed: int,
     *,
+    segmenter: Segmenter | None = None,
     start: int | None = None,
     on_step: Callable[[SearchStep], None] | None = None,
 ) -> EpisodeResult:
@@ -125,15 +142,15 @@ def search(
 
     Args:
         simulation: The scene and what is looked for.
-        mapper: Makes the map; it starts empty.
         searcher: Decides.
         seed: Of the start, and of what the searcher draws.
+        segmenter: What the mapper tells floor from obstacles by, the geometric one if None.
         start: Index of the position to start from instead.
         on_step: Called after each decision.
     """
     simulation.restart(seed, start)
     searcher.reset(seed)
-    mapper.clear()
+    mapper = RgbdMapper(mapper_config(), segmenter)
     settings = GridSettings(ROBOT_RADIUS_M, STEP_M)
     cycle = PlanningCycle(settings, BLOCKED_AFTER)
     cycle.begin(0)

@@ -150,6 +150,7 @@ class SceneFiles:
         depths: File names of the depth images.
         labels: File names of the label images by the first eleven digits of their names.
         annotations: By file name of the colour image.
+        named: The colour images that the file of poses names, with or without one.
         structs: Of the images that have a pose, in their order in the file.
         scale: Millimetres in a unit of the reconstruction; None if it can't be used.
         lens: Of the camera; the default one where none is given.
@@ -163,6 +164,7 @@ class SceneFiles:
     depths: set[str] = field(default_factory=set)
     labels: dict[str, str] = field(default_factory=dict)
     annotations: dict[str, Annotation] = field(default_factory=dict)
+    named: set[str] = field(default_factory=set)
     structs: list[ImageStruct] = field(default_factory=list)
     scale: float | None = None
     lens: Lens = DEFAULT_LENS
@@ -287,10 +289,11 @@ def _read_structs(files: SceneFiles) -> None:
     bare = [name for name, struct in structs.items() if struct is None]
     if bare:
         files.problems.append(f'Images without any pose: {some_of(bare)}.')
-    _compare_structs(files, set(structs))
+    files.named = set(structs)
+    _compare_structs(files)
 
 
-def _compare_structs(files: SceneFiles, known: set[str]) -> None:
+def _compare_structs(files: SceneFiles) -> None:
     """Compare the poses with the images."""
     unregistered = [struct.name for struct in files.structs if struct.rotation is None]
     if unregistered:
@@ -298,10 +301,10 @@ def _compare_structs(files: SceneFiles, known: set[str]) -> None:
             'Images that were not registered get the pose of their position and direction: '
             f'{some_of(unregistered)}.'
         )
-    strangers = [name for name in files.colors if name not in known]
+    strangers = [name for name in files.colors if name not in files.named]
     if strangers:
         files.problems.append(f'Images that {STRUCTS} does not know: {some_of(strangers)}.')
-    missing = sorted(known - set(files.colors))
+    missing = sorted(files.named - set(files.colors))
     if missing and files.colors:
         files.problems.append(f'Images that are missing in {COLOR_FOLDER}: {some_of(missing)}.')
 
@@ -363,13 +366,13 @@ def _read_annotations(files: SceneFiles) -> None:
             files.annotations[name] = annotation
     if broken:
         files.problems.append(f'{ANNOTATIONS} says nothing usable of images: {some_of(broken)}.')
-    _compare_annotations(files)
+    _compare_annotations(files, entries)
 
 
-def _compare_annotations(files: SceneFiles) -> None:
+def _compare_annotations(files: SceneFiles, entries: Iterable[str]) -> None:
     """Compare pointers and boxes with the images."""
-    known = {struct.name for struct in files.structs} or set(files.colors)
-    without = sorted(known - set(files.annotations))
+    known = files.named or set(files.colors)
+    without = sorted(known - set(entries))
     if without:
         files.problems.append(f'Images without an entry in {ANNOTATIONS}: {some_of(without)}.')
     dangling = [

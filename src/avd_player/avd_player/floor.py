@@ -5,16 +5,26 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-HYPOTHESES = 300
+HYPOTHESES = 600
 THICKNESS_M = 0.03
 """Points this near to a plane are on it."""
 
-ROUNDS = 3
-"""So often the plane is fitted to the points on it."""
+ROUNDS = 5
+"""So often a plane is fitted to the points on it."""
+
+PATCH_SHARE = 0.05
+"""The corners of a plane are taken from this share of the points, the nearest to one of them."""
+
+LEVEL_HYPOTHESES = 150
+"""Planes that are just level, for rooms of which little is floor."""
+
+REFINED = 30
+"""So many of the best planes are fitted before one is chosen."""
 
 BELOW_WEIGHT = 3.0
 """Below the floor there is nothing: a point there speaks this much against a plane."""
@@ -36,6 +46,10 @@ class Floor(NamedTuple):
 
     up: NDArray[np.float64]
     offset: float
+
+    def heights(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how high points (N, 3) are above it, (N,)."""
+        return points @ self.up + self.offset
 
     def to_level(self) -> NDArray[np.float64]:
         """Return what takes points into a frame with z up and z = 0 on the floor, (4, 4).
@@ -87,34 +101,55 @@ def fit_floor(
     some = points
     if len(points) > MAX_POINTS:
         some = points[rng.choice(len(points), MAX_POINTS, replace=False)]
-    corners = some[rng.integers(len(some), size=(HYPOTHESES, 3))]
-    ups = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    # Corners near to each other, as they are likelier on one surface than any three points.
+    seeds = rng.integers(len(some), size=HYPOTHESES)
+    patch = max(3, round(PATCH_SHARE * len(some)))
+    near = cKDTree(some).query(some[seeds], patch)[1]
+    picked = near[np.arange(HYPOTHESES)[:, None], rng.integers(patch, size=(HYPOTHESES, 2))]
+    origins = some[seeds]
+    ups = np.cross(some[picked[:, 0]] - origins, some[picked[:, 1]] - origins)
     lengths = np.linalg.norm(ups, axis=1)
-    ups = ups[lengths > 0] / lengths[lengths > 0, None]
+    is_plane = lengths > 0
+    ups, origins = ups[is_plane] / lengths[is_plane, None], origins[is_plane]
     ups *= np.where(ups @ down > 0, -1.0, 1.0)[:, None]
-    offsets = -np.einsum('ij,ij->i', ups, corners[lengths > 0, 0])
     level = -(ups @ down) > np.cos(tolerance)
-    # Level planes through single points, for rooms of which little is floor.
-    heights = some[rng.integers(len(some), size=HYPOTHESES // 2)] @ down
-    ups = np.vstack([ups[level], np.tile(-down, (len(heights), 1))])
-    offsets = np.concatenate([offsets[level], heights])
-
-    distances = some @ ups.T + offsets
-    on = (np.abs(distances) < THICKNESS_M).sum(axis=0)
-    below = (distances < -2 * THICKNESS_M).sum(axis=0)
-    best = int(np.argmax(on - BELOW_WEIGHT * below))
-    if on[best] < max(MIN_POINTS, MIN_SHARE * len(some)):
+    ups, origins = ups[level], origins[level]
+    planes = [
+        Floor(up, offset)
+        for up, offset in zip(ups, -np.einsum('ij,ij->i', ups, origins), strict=True)
+    ]
+    planes += [Floor(-down, float(point @ down)) for point in some[seeds[:LEVEL_HYPOTHESES]]]
+    best = np.argsort([-_score(plane, some) for plane in planes], kind='stable')[:REFINED]
+    refined = [_refined(planes[index], some, down, tolerance) for index in best]
+    floor = max(refined, key=lambda plane: _score(plane, some))
+    on = np.count_nonzero(np.abs(floor.heights(some)) < THICKNESS_M)
+    if on < max(MIN_POINTS, MIN_SHARE * len(some)):
         return None
-    up, offset = ups[best], float(offsets[best])
+    return _refined(floor, points, down, tolerance)
+
+
+def _score(floor: Floor, points: NDArray[np.float64]) -> float:
+    """Return how much of the points (N, 3) speaks for a floor."""
+    heights = floor.heights(points)
+    on = np.count_nonzero(np.abs(heights) < THICKNESS_M)
+    return on - BELOW_WEIGHT * np.count_nonzero(heights < -2 * THICKNESS_M)
+
+
+def _refined(
+    floor: Floor, points: NDArray[np.float64], down: NDArray[np.float64], tolerance: float
+) -> Floor:
+    """Return the plane of the points (N, 3) on a floor, as long as it stays level."""
     for _ in range(ROUNDS):
-        near = points[np.abs(points @ up + offset) < THICKNESS_M]
+        near = points[np.abs(floor.heights(points)) < THICKNESS_M]
+        if len(near) < MIN_POINTS:
+            break
         center = near.mean(axis=0)
-        normal = np.linalg.svd(near - center, full_matrices=False)[2][2]
+        normal = np.linalg.eigh(np.cov((near - center).T))[1][:, 0]
         normal *= -np.copysign(1.0, normal @ down)
         if -(normal @ down) < np.cos(tolerance):
             break
-        up, offset = normal, -float(normal @ center)
-    return Floor(up, offset)
+        floor = Floor(normal, -float(normal @ center))
+    return floor
 
 
 def levelled(floor: Floor, points: NDArray[np.float64], down: NDArray[np.float64]) -> Floor:
@@ -122,7 +157,7 @@ def levelled(floor: Floor, points: NDArray[np.float64], down: NDArray[np.float64
 
     Poses that look all around know gravity better than points, which are few and lie in patches.
     """
-    near = points[np.abs(points @ floor.up + floor.offset) < THICKNESS_M]
+    near = points[np.abs(floor.heights(points)) < THICKNESS_M]
     return Floor(-down, float(np.median(near @ down)))
 
 

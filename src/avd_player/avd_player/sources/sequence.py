@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-SAMPLED_FRAMES = 16
+SAMPLED_FRAMES = 24
 """The floor is fitted to this many depth images."""
 
 MILLIMETRES = 1000.0

@@ -60,13 +60,18 @@ def save_picture(mapping: Mapping, path: Path) -> None:
 
 
 def _extent(mapping: Mapping) -> tuple[float, float, float, float]:
-    """Return west, east, south and north of what is known, with a margin, in metres."""
+    """Return west, east, south and north of what is known and of the way, in metres."""
     grid, geometry = mapping.mapper.grid, mapping.mapper.grid.geometry
     rows, cols = np.nonzero(grid.occupancy != UNKNOWN_VALUE)
     if not len(rows):
         rows, cols = np.array([0, geometry.rows - 1]), np.array([0, geometry.cols - 1])
-    west, south = geometry.center_of(int(rows.min()), int(cols.min()))
-    east, north = geometry.center_of(int(rows.max()), int(cols.max()))
+    corners = [
+        geometry.center_of(int(rows.min()), int(cols.min())),
+        geometry.center_of(int(rows.max()), int(cols.max())),
+    ]
+    x, y = np.array([*corners, *mapping.way]).T
+    west, south = float(x.min()), float(y.min())
+    east, north = float(x.max()), float(y.max())
     return west - MARGIN_M, east + MARGIN_M, south - MARGIN_M, north + MARGIN_M
 
 
@@ -84,7 +89,7 @@ def _draw_plan(axes: Axes, mapping: Mapping) -> None:
         x, y = zip(*mapping.way, strict=True)
         axes.plot(x, y, '.-', color=PATH, linewidth=1.2, markersize=4, label='camera')
         axes.plot(x[0], y[0], 'o', color=START, markersize=6, label='start')
-        axes.legend(loc='lower right', fontsize=8)
+        axes.legend(loc='lower right', fontsize=8, framealpha=0.7)
     axes.set_title(
         f'{mapping.name}: floor plan, cells of {100 * geometry.resolution:g} cm '
         f'({mapping.mapper.segmenter})'

@@ -144,7 +144,8 @@ def run(options: MapOptions) -> int:
     cells = found['cells']
     sys.stdout.write(
         f'{mapper.frames} frames in {mapping.seconds:.1f} s with the {mapper.segmenter} '
-        f'segmenter: {cells["free"]} cells free, {cells["occupied"]} occupied, {len(mapper.cloud)} voxels\n'
+        f'segmenter: {cells["free"]} cells free, {cells["occupied"]} occupied, '
+        f'{len(mapper.cloud)} voxels\n'
         f'{options.out}: map.pgm, map.yaml, cloud.ply, map.png, summary.json\n'
     )
     return 0
@@ -261,6 +262,9 @@ def _map_bag(mapping: Mapping, options: MapOptions, progress: Progress) -> None:
     transforms = _Transforms()
     with open_bag(options.source) as reader:
         wanted = [c for c in reader.connections if c.topic in {*names, STATIC_TRANSFORMS}]
+        if not wanted:
+            msg = f'{options.source} has none of the topics of RGB-D images below {prefix}.'
+            raise BagError(msg)
         task = progress.add_task('mapping', total=sum(c.msgcount for c in wanted))
         for connection, received, data in reader.messages(wanted):
             message: Any = reader.deserialize(data, connection.msgtype)

@@ -22,8 +22,14 @@ from std_srvs.srv import Trigger
 from avd_player.avd_format import GRID_M
 from avd_player.replay import Replay
 from avd_player.scene import MAX_LINK_M, Scene, TargetSightings
-from avd_player.simulation import DEFAULT_TARGET, VIEWS, ActiveVisionSimulation, SearchRules
-from avd_player.sources import AvdSource, PosedSequence, open_source
+from avd_player.simulation import (
+    DEFAULT_TARGET,
+    GOAL_MOVED_M,
+    VIEWS,
+    ActiveVisionSimulation,
+    SearchRules,
+)
+from avd_player.sources import AvdSource, PosedSequence, mounted_pose, open_source
 from gridnav.actions import DONE
 from gridnav.metrics import Outcome
 from gridnav.rgbd import MILLIMETRE, VIEW_SUFFIX, CameraMount, FrameError, Pose3D, RgbdFrame
@@ -53,9 +59,6 @@ STEP_NS = 1000
 
 MAX_QUEUED = 1000
 """More actions than this never wait for their turn."""
-
-GOAL_MOVED_M = 0.15
-"""The goal is published again when later looks put it this far from where it was."""
 
 MAX_DEPTH_M = 65.535
 """As far as millimetres go in an image."""
@@ -208,7 +211,6 @@ class AvdPlayerNode(BaseNode[AvdPlayerParameters]):
         if isinstance(self._player, AvdSource):
             self._scene = Scene(self._player, p.max_link)
         self._mount: CameraMount = self._player.mount
-        self._camera_from_base = np.linalg.inv(self._mount.matrix())
         self._stamp = -1
         self._published_goal: NDArray[np.float64] | None = None
 
@@ -571,9 +573,7 @@ class AvdPlayerNode(BaseNode[AvdPlayerParameters]):
         """Return what is published of a frame; its pose is exact for the mount of the node."""
         p = self.parameters
         odometry = Odometry(header=header(stamp, p.odom_frame), child_frame_id=child)
-        matrix = self._player.camera_to_map(name)
-        pose = Pose3D.from_matrix(matrix @ self._camera_from_base)
-        odometry.pose.pose = to_pose_3d(pose)
+        odometry.pose.pose = to_pose_3d(mounted_pose(self._player, name))
         if frame is None:
             return View(odometry, None)
         images = (

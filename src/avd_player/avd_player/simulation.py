@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 VIEWS = ('all', 'heading')
 """What the robot sees at a position: all around, or where it looks."""
 
+GOAL_MOVED_M = 0.15
+"""The target is where it was until later looks put it as far away as this."""
+
 DEFAULT_TARGET = 'coca_cola_glass_bottle'
 
 
@@ -152,6 +155,7 @@ class ActiveVisionSimulation:
         self.steps = self.bumps = 0
         self.path_cost = 0.0
         self.sightings = TargetSightings()
+        self._goal: tuple[float, float, float] | None = None
         self._look()
 
     def step(self, action: int) -> None:
@@ -208,9 +212,11 @@ class ActiveVisionSimulation:
 
     @property
     def goal(self) -> tuple[float, float, float] | None:
-        """Where the target is, as far as the robot saw it: metres in the map."""
-        position = self.sightings.position
-        return None if position is None else tuple(position.tolist())
+        """Where the target is, as far as the robot saw it: metres in the map.
+
+        Later looks count when they put it somewhere else by 0.15 m at least.
+        """
+        return self._goal
 
     def result(self) -> EpisodeResult:
         """Return what the search came to so far."""
@@ -272,3 +278,9 @@ class ActiveVisionSimulation:
         for name in self.seen_names:
             if name in self._visible:
                 self.sightings.add(name, self._visible[name])
+        position = self.sightings.position
+        if position is not None:
+            known = self._goal
+            if known is None or np.linalg.norm(position - known) >= GOAL_MOVED_M:
+                x, y, z = position.tolist()
+                self._goal = (x, y, z)

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from avd_player.sources import mounted_pose
 from bev_mapper.rgbd_mapper import MapperConfig, RgbdMapper
 from gridnav import DONE, GridGeometry
 from gridnav.metrics import Outcome
+from gridnav.rgbd import Pose3D
 from vgdp_experiments.methods.frontier import NearestFrontier
 from vgdp_planner.cycle import Decision, PlanningCycle
 from vgdp_planner.planning_grid import GridSettings
@@ -195,10 +197,13 @@ def _take_in(
     simulation: ActiveVisionSimulation, mapper: RgbdMapper, cycle: PlanningCycle, stamp: int
 ) -> None:
     """Map what the robot sees now, and tell the cycle of it."""
+    scene = simulation.scene
+    pose = Pose3D()
     for name in simulation.looked_at:
-        mapper.add(replace(simulation.scene.frame(name), stamp=stamp))
-    x, y = simulation.scene.positions[simulation.position].tolist()
-    cycle.add_pose(stamp, x, y)
+        pose = mounted_pose(scene.source, name)
+        frame = scene.frame(name)
+        mapper.add(replace(frame, stamp=stamp, pose=pose, mount=scene.source.mount))
+    cycle.add_pose(stamp, pose.x, pose.y)
     cycle.add_map(stamp, mapper.grid.occupancy, mapper.grid.geometry)
     goal = simulation.goal
     if goal is not None:

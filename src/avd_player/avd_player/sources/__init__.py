@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from avd_player.avd_format import looks_like_scene
 from avd_player.sources.avd import AvdSource
 from avd_player.sources.sequence import PosedSequence
@@ -11,9 +13,9 @@ from avd_player.sources.seven_scenes import EXPECTED as SEVEN_SCENES_FILES
 from avd_player.sources.seven_scenes import is_seven_scenes, open_seven_scenes
 from avd_player.sources.tum import EXPECTED as TUM_FILES
 from avd_player.sources.tum import is_tum, open_tum
-from gridnav.rgbd import FrameError
+from gridnav.rgbd import FrameError, Pose3D
 
-__all__ = ['FORMATS', 'AvdSource', 'PosedSequence', 'open_source', 'scenes_in']
+__all__ = ['FORMATS', 'AvdSource', 'PosedSequence', 'mounted_pose', 'open_source', 'scenes_in']
 
 FORMATS = (
     (looks_like_scene, AvdSource),
@@ -26,6 +28,15 @@ _EXPECTED = (
     'jpg_rgb, high_res_depth, annotations.json and image_structs.mat (Active Vision Dataset), '
     f'{SEVEN_SCENES_FILES}, or {TUM_FILES}'
 )
+
+
+def mounted_pose(source: AvdSource | PosedSequence, name: str) -> Pose3D:
+    """Return where the robot is, in space, for the one mount that a source has for all frames.
+
+    The pose and the mount of a frame by itself may share out tilt and height in another way.
+    """
+    mount = np.linalg.inv(source.mount.matrix())
+    return Pose3D.from_matrix(source.camera_to_map(name) @ mount)
 
 
 def open_source(path: str | Path, width: int = 0) -> AvdSource | PosedSequence:

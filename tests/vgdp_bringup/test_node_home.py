@@ -63,13 +63,12 @@ def test_a_search_in_one_process(folder: Path) -> None:
 def test_same_actions_over_dds(node_process: StartNode, probe: Probe, folder: Path) -> None:
     """Player, mapper and planner as processes take the steps of one process."""
     outcome, expected, _ = searched(folder, PlannerSearcher(ValueGuidedPlanner.from_pretrained()))
-    print(outcome, len(expected), expected)
     actions = probe.record(UInt8, 'action', RELIABLE_QOS)
     episode = probe.record(DiagnosticStatus, 'episode', EPISODE_QOS)
-    mapper = node_process('bev_mapper.node', mapper_parameters(folder, 'geometric'))
+    node_process('bev_mapper.node', mapper_parameters(folder, 'geometric'))
     planner = node_process('vgdp_planner.node', planner_parameters(3))
     planner.wait_output('Planning')
-    player = node_process(
+    node_process(
         'avd_player.node',
         {
             'source': str(folder),
@@ -83,10 +82,6 @@ def test_same_actions_over_dds(node_process: StartNode, probe: Probe, folder: Pa
             'max_steps': RULES.max_steps,
         },
     )
-    try:
-        wait_for(lambda: any(status.message in ('success','timeout','gave_up') for status in episode), 60)
-    except TimeoutError:
-        print(len(actions), [m.data for m in actions]); print(planner.output[-1500:]); print(mapper.output[-1500:]); print(player.output[-1500:])
+    wait_for(lambda: any(status.message == outcome for status in episode), 90)
     wait_for(lambda: len(actions) == len(expected))
-    print([message.data for message in actions]); print(player.output[-800:])
     assert [message.data for message in actions] == expected

@@ -60,6 +60,11 @@ STEP_NS = 1000
 MAX_QUEUED = 1000
 """More actions than this never wait for their turn."""
 
+DISCOVERY_S = 5.0
+"""So long a search waits at first for somebody who takes in images and poses."""
+
+DISCOVERY_PERIOD_S = 0.05
+
 MAX_DEPTH_M = 65.535
 """As far as millimetres go in an image."""
 
@@ -217,7 +222,7 @@ class AvdPlayerNode(BaseNode[AvdPlayerParameters]):
         self._color = self.advertise(Image, 'camera/color/image_raw', IMAGE_QOS)
         self._depth = self.advertise(Image, 'camera/depth/image_raw', IMAGE_QOS)
         self._info = self.advertise(CameraInfo, 'camera/camera_info', IMAGE_QOS)
-        self._odom = self.advertise(Odometry, 'odom', RELIABLE_QOS)
+        self._odom = self.advertise(Odometry, 'odom', IMAGE_QOS)
         self._goal_pose = self.advertise(PoseStamped, 'goal_pose', MAP_QOS)
         self._time = self.advertise(Clock, '/clock', RELIABLE_QOS) if p.publish_clock else None
         self._frames = FrameBroadcaster(self)
@@ -391,6 +396,8 @@ class AvdPlayerNode(BaseNode[AvdPlayerParameters]):
         self._repeat = self.create_timer(
             self.parameters.observation_period, self._publish_observation
         )
+        self._heard_by = time.monotonic() + DISCOVERY_S
+        self._discovery = self.create_timer(DISCOVERY_PERIOD_S, self._on_discovery)
         self._begin_episode()
         self.subscribe(
             DiagnosticStatus, 'episode', self._on_episode, EPISODE_QOS, single_source=False
@@ -415,12 +422,21 @@ class AvdPlayerNode(BaseNode[AvdPlayerParameters]):
         self._advance_stamp()
         self._start = self._stamp
         self._publish_episode()
-        self._publish_step()
+        if self._discovery.is_canceled():
+            self._publish_step()
         result = simulation.result()
         self.get_logger().info(
             f'Episode with seed {seed}: {self._arena.name}, from position {simulation.position} '
             f'of {len(self._arena.views)}, {result.expert_steps} moves for one who knows it.'
         )
+
+    def _on_discovery(self) -> None:
+        """Show the first views once somebody sees them: half of them make another map."""
+        publishers = (self._color, self._depth, self._info, self._odom)
+        heard = all(publisher.get_subscription_count() for publisher in publishers)
+        if heard or time.monotonic() > self._heard_by:
+            self._discovery.cancel()
+            self._publish_step()
 
     def _reset(self) -> str:
         self._begin_episode()

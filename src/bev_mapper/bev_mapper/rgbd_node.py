@@ -15,7 +15,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 
 from bev_mapper.evidence_grid import Crop
-from bev_mapper.frame_sync import SyncConfig
+from bev_mapper.frame_sync import KEPT_POSES, SyncConfig
 from bev_mapper.map_files import save_cloud, save_map
 from bev_mapper.rgbd_fusion import RgbdFusion
 from bev_mapper.rgbd_mapper import STAGES, MapperConfig, RgbdMapper
@@ -90,7 +90,7 @@ class RgbdInput:
             Odometry,
             'odom',
             self._on_odom,
-            RELIABLE_QOS,
+            QoSProfile(depth=KEPT_POSES, reliability=RELIABLE_QOS.reliability),
             validate=partial(validate_odometry, frames=(p.odom_frame, p.map_frame)),
         )
         # All views of a robot that looks around come at once and wait here for their turns.

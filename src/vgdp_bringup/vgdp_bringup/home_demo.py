@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 VIEWS = 12
 """Images of a position."""
 
+WAIT_S = 30.0
+"""The robot stands still meanwhile, so no view need be left out."""
+
 IMAGE_WIDTH = 480
 
 HOMES_SEED = 1
@@ -142,6 +145,7 @@ def mapper_parameters(scene: Path, segmenter: str) -> dict[str, object]:
         'max_range': config.max_range,
         'views_per_step': VIEWS,
         'reliable_images': 'true',
+        'wait': WAIT_S,
         **{f'camera_{name}': float(value) for name, value in mount._asdict().items()},
     }
 

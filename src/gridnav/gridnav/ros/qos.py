@@ -28,5 +28,5 @@ SENSOR_QOS = qos_profile_sensor_data
 """Camera streams: best effort, five deep."""
 
 IMAGE_QOS = QoSProfile(depth=64, reliability=ReliabilityPolicy.RELIABLE)
-"""Camera streams of a player: reliable and deep, so that a step's images of all directions come
-through together; subscribers with the profile of sensor data are served too."""
+"""Camera streams of a player and the poses of the views: reliable and deep, so that a step's images
+of all directions come through together; subscribers with other profiles are served too."""

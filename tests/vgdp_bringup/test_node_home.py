@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
@@ -41,9 +42,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_scene(tmp_path_factory.mktemp('home') / 'Home_001_1', cells=CELLS).folder
 
 
-def searched(folder: Path, searcher: Searcher) -> tuple[Outcome, list[int], list[SearchStep]]:
+def searched(
+    folder: Path, searcher: Searcher, max_steps: int = RULES.max_steps
+) -> tuple[Outcome, list[int], list[SearchStep]]:
     """Search in this process; returns the outcome, the actions and what was planned on."""
-    simulation = ActiveVisionSimulation(Scene.open(folder), RULES)
+    simulation = ActiveVisionSimulation(Scene.open(folder), replace(RULES, max_steps=max_steps))
     steps: list[SearchStep] = []
     result = search(simulation, searcher, 3, start=0, on_step=steps.append)
     return result.outcome, [action for step in steps for action in step.committed], steps
@@ -52,7 +55,7 @@ def searched(folder: Path, searcher: Searcher) -> tuple[Outcome, list[int], list
 @pytest.mark.filterwarnings('ignore:Home_001_1')
 def test_a_search_in_one_process(folder: Path) -> None:
     """Frontier exploration finds the bottle; the goal is on no map before it was seen."""
-    outcome, actions, steps = searched(folder, FrontierSearcher())
+    outcome, actions, steps = searched(folder, FrontierSearcher(), max_steps=300)
     assert outcome is Outcome.SUCCESS
     assert actions[-1] == DONE
     assert steps[0].observation.grid.goal == 'none'

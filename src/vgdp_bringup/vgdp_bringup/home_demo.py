@@ -21,6 +21,7 @@ from vgdp_bringup.processes import NodeProcesses, free_domain_id
 from vgdp_bringup.watcher import RunWatcher
 from vgdp_experiments.object_search import (
     BLOCKED_AFTER,
+    GOAL_TOLERANCE_M,
     ROBOT_RADIUS_M,
     STEP_M,
     mapper_config,
@@ -156,6 +157,7 @@ def planner_parameters(seed: int) -> dict[str, object]:
         'seed': seed,
         'robot_radius': ROBOT_RADIUS_M,
         'planning_resolution': STEP_M,
+        'goal_tolerance': GOAL_TOLERANCE_M,
         'blocked_after': BLOCKED_AFTER,
     }
 

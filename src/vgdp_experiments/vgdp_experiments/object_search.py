@@ -49,6 +49,9 @@ MAPPED_RANGE_M = 3.0
 """What is further away is not mapped: a bottle there would not be seen yet."""
 
 ROBOT_RADIUS_M = 0.2
+GOAL_TOLERANCE_M = 1.5
+"""Bottles stand on tables and counters."""
+
 BLOCKED_AFTER = 1
 """Moves of a scene's robot do not slip: where one leads nowhere there is something."""
 
@@ -153,7 +156,7 @@ def search(
     simulation.restart(seed, start)
     searcher.reset(seed)
     mapper = RgbdMapper(mapper_config(), segmenter)
-    settings = GridSettings(ROBOT_RADIUS_M, STEP_M)
+    settings = GridSettings(ROBOT_RADIUS_M, STEP_M, goal_tolerance=GOAL_TOLERANCE_M)
     cycle = PlanningCycle(settings, BLOCKED_AFTER)
     cycle.begin(0)
     stamp = 0

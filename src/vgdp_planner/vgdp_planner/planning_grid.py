@@ -81,6 +81,8 @@ class GridSettings:
         max_cells: Blocks become larger rather than more than this many.
         keep_resolution: Whether blocks stay as they are where smaller ones would cut off less: a
             robot that moves by whole blocks can't use those.
+        goal_tolerance: Where the goal is at an obstacle, the nearest place up to this far from it
+            will do, in metres, and one a block and the robot's radius away in any case.
         center: A place, (x, y) in metres, that lies in the middle of a block; blocks begin at
             multiples of their side if None.
     """
@@ -89,6 +91,7 @@ class GridSettings:
     resolution: float = 0.0
     max_cells: int = 40_000
     keep_resolution: bool = False
+    goal_tolerance: float = 0.0
     center: Point | None = None
 
 
@@ -347,6 +350,7 @@ class _Coarsening:
         self._geometry = geometry
         self._radius = settings.robot_radius
         self._center = settings.center
+        self._goal_tolerance = settings.goal_tolerance
         self._robot = np.array(robot)
         self._goal = None if goal is None else np.array(geometry.cell_at(*goal))
         known = occupancy > UNKNOWN_VALUE
@@ -466,7 +470,7 @@ class _Coarsening:
         """
         if clear[tuple(robot)]:
             return int(robot[0]), int(robot[1])
-        cells, distances = self._clear_around(clear, robot, factor)
+        cells, distances = self._clear_around(clear, robot, self._reach(factor))
         if not len(cells):
             msg = f'There is no clear place within {self._reach(factor)} cells of the robot.'
             raise OccupiedError(msg)
@@ -490,7 +494,8 @@ class _Coarsening:
             return None, 'outside'
         if clear[tuple(goal)]:
             return (int(goal[0]), int(goal[1])), 'ok'
-        cells, distances = self._clear_around(is_ground, goal, factor)
+        tolerance = math.ceil(self._goal_tolerance / self._geometry.resolution)
+        cells, distances = self._clear_around(is_ground, goal, max(self._reach(factor), tolerance))
         if not len(cells):
             return None, 'occupied'
         row, col = cells[distances.argmin()].tolist()
@@ -500,10 +505,9 @@ class _Coarsening:
         return math.ceil(self._radius / self._geometry.resolution) + factor
 
     def _clear_around(
-        self, clear: NDArray[np.bool_], place: NDArray[np.int64], factor: int
+        self, clear: NDArray[np.bool_], place: NDArray[np.int64], reach: int
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return the clear cells (N, 2) within reach of a place, and how far they are (N,)."""
-        reach = self._reach(factor)
         corner = np.maximum(place - reach, 0)
         top, left, bottom, right = *corner, *(place + reach + 1)
         cells = np.argwhere(clear[top:bottom, left:right]) + corner

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from avd_player.homes.plan import Home
+    from avd_player.homes.home import Home
     from avd_player.homes.textures import Material
     from gridnav.rgbd import Camera
 
@@ -78,9 +78,9 @@ class HomeRenderer:
         self._gloss = np.array([material.gloss for material in home.materials], np.float32)
         self._atlas = _atlas(home.materials)
         self._linear = ((np.arange(256) / 255.0) ** GAMMA).astype(np.float32)
-        self._screen = (
-            (np.linspace(0.0, 1.0, 4096) ** (1 / GAMMA)) * 255.0 + 0.5
-        ).astype(np.uint8)
+        self._screen = ((np.linspace(0.0, 1.0, 4096) ** (1 / GAMMA)) * 255.0 + 0.5).astype(
+            np.uint8
+        )
         self.set_camera(camera)
 
     def set_camera(self, camera: Camera | Lens) -> None:

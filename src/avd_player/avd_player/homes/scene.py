@@ -17,7 +17,7 @@ from gridnav.rgbd import CameraMount
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from avd_player.homes.plan import Home
+    from avd_player.homes.home import Home
     from avd_player.homes.render import Picture
 
 HEADINGS = 12

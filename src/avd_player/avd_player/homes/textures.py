@@ -1,3 +1,4 @@
+# ruff: noqa: PLR2004 - sizes of things
 """Textures that are drawn, not taken: wood, tiles, plaster, cloth and what hangs on walls.
 
 Each is a square of `SIZE` pixels, and all but pictures can be repeated without a seam.
@@ -43,7 +44,9 @@ class Material(NamedTuple):
 
 def hsv(hue: float, saturation: float, value: float) -> Colour:
     """Return a colour by its hue, saturation and value, each from 0 to 1."""
-    return colorsys.hsv_to_rgb(hue % 1.0, min(max(saturation, 0.0), 1.0), min(max(value, 0.0), 1.0))
+    return colorsys.hsv_to_rgb(
+        hue % 1.0, min(max(saturation, 0.0), 1.0), min(max(value, 0.0), 1.0)
+    )
 
 
 def noise(rng: np.random.Generator, roughness: float, stretch: float = 1.0) -> NDArray[np.float32]:

@@ -185,9 +185,7 @@ def _write_structs(
     (folder / 'image_structs.mat').write_bytes(content)
 
 
-def _turned_heading(
-    poses: NDArray[np.float64], index: int, other: int
-) -> NDArray[np.float64]:
+def _turned_heading(poses: NDArray[np.float64], index: int, other: int) -> NDArray[np.float64]:
     """Return where an image looks by another one at its position, turned in the plane x-z."""
     angle = (index - other) * 2 * np.pi / HEADINGS
     x, y, z = poses[other, :3, 2]

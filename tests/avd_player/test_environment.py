@@ -93,11 +93,13 @@ def test_an_episode_ends_as_documented(tiny: TinyScene) -> None:
 
     _, info = env.reset(options={'start': 1})
     assert info['goal'] is not None
-    *_, reward, terminated, truncated, info = env.step(np.int64(2))
+    *_, reward, terminated, truncated, info = env.step(np.int64(1))
     assert (reward, terminated, truncated, info['outcome']) == (0.0, False, False, 'running')
     long = ActiveVisionEnv(tiny.folder, **SMALL)
-    long.reset(options={'start': 1})
-    long.step(np.int64(2))
+    _, info = long.reset(options={'start': 1})
+    assert info['goal'] is not None
+    *_, info = long.step(np.int64(1))
+    assert long.simulation.goals[info['position']]
     *_, reward, terminated, truncated, info = long.step(np.int64(DONE))
     assert (reward, terminated, truncated, info['outcome']) == (1.0, True, False, 'success')
     assert info['path_length'] == pytest.approx(info['shortest_path'])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import shutil
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -119,15 +120,11 @@ def _nameless(rows: Any) -> None:  # noqa: ANN401 - scipy's records
 
 DAMAGES: dict[str, tuple[Callable[[Path], object], list[str]]] = {
     'no colour': (
-        lambda f: (
-            [p.unlink() for p in (f / COLOR_FOLDER).iterdir()] and (f / COLOR_FOLDER).rmdir()
-        ),
+        lambda f: shutil.rmtree(f / COLOR_FOLDER),
         ['The folder jpg_rgb is missing.'],
     ),
     'no depth': (
-        lambda f: (
-            [p.unlink() for p in (f / DEPTH_FOLDER).iterdir()] and (f / DEPTH_FOLDER).rmdir()
-        ),
+        lambda f: shutil.rmtree(f / DEPTH_FOLDER),
         ['The folder high_res_depth is missing.'],
     ),
     'one depth image less': (

@@ -109,12 +109,12 @@ def test_the_kitchen_is_levelled_by_its_floor(kitchen: Path, tmp_path: Path) -> 
     assert isinstance(found, PosedSequence)
     cosine = found.up_from_world[2, :3] @ given.up_from_world[2, :3]
     assert np.degrees(np.arccos(cosine)) < 1
-    heights = [
-        [source.camera_to_map(name)[2, 3] for name in source.frame_names]
+    one, other = (
+        np.array([source.camera_to_map(name)[2, 3] for name in source.frame_names])
         for source in (given, found)
-    ]
-    assert np.mean(heights[0]) == pytest.approx(1.416, abs=0.01)
-    assert np.abs(np.subtract(*heights)).max() < 0.03
+    )
+    assert one.mean() == pytest.approx(1.416, abs=0.01)
+    assert np.abs(one - other).max() < 0.03
     frame = given.read('frame-000400')
     assert frame.color.shape == (480, 640, 3)
     assert 0.8 < np.median(frame.depth[frame.depth > 0]) / 1000 < 4

@@ -37,7 +37,7 @@ from gridnav.ros.conversions import NANOSECONDS, header, to_nanoseconds, to_stam
 from gridnav.ros.episode import PLANNER_GAVE_UP, EpisodeStatus
 from gridnav.ros.node import BaseNode
 from gridnav.ros.parameters import parameter
-from gridnav.ros.qos import EPISODE_QOS, IMAGE_QOS, MAP_QOS, RELIABLE_QOS
+from gridnav.ros.qos import BURST_QOS, EPISODE_QOS, MAP_QOS, RELIABLE_QOS
 from gridnav.ros.rgbd import to_camera_info, to_image, to_pose_3d
 from gridnav.ros.run import run_node
 from gridnav.ros.tf import FrameBroadcaster
@@ -219,10 +219,10 @@ class AvdPlayerNode(BaseNode[AvdPlayerParameters]):
         self._stamp = -1
         self._published_goal: NDArray[np.float64] | None = None
 
-        self._color = self.advertise(Image, 'camera/color/image_raw', IMAGE_QOS)
-        self._depth = self.advertise(Image, 'camera/depth/image_raw', IMAGE_QOS)
-        self._info = self.advertise(CameraInfo, 'camera/camera_info', IMAGE_QOS)
-        self._odom = self.advertise(Odometry, 'odom', IMAGE_QOS)
+        self._color = self.advertise(Image, 'camera/color/image_raw', BURST_QOS)
+        self._depth = self.advertise(Image, 'camera/depth/image_raw', BURST_QOS)
+        self._info = self.advertise(CameraInfo, 'camera/camera_info', BURST_QOS)
+        self._odom = self.advertise(Odometry, 'odom', BURST_QOS)
         self._goal_pose = self.advertise(PoseStamped, 'goal_pose', MAP_QOS)
         self._time = self.advertise(Clock, '/clock', RELIABLE_QOS) if p.publish_clock else None
         self._frames = FrameBroadcaster(self)

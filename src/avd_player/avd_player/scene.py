@@ -41,6 +41,9 @@ than this are left out."""
 SAME_THING_M = 0.75
 """Sightings that are nearer to each other are of one thing."""
 
+MIN_SEEN_SHARE = 0.1
+"""What was seen less often than this share of the thing seen most often is a mistake."""
+
 MIN_VALID_SHARE = 0.25
 """This much of the middle of a box must have depth."""
 
@@ -185,7 +188,8 @@ class Scene:
         """Return where a thing is, seen in an image, metres in the map, (3,).
 
         The depth is the median over the middle half of its box, where a quarter of the pixels at
-        least must have one; the point is that on the ray through the box's middle.
+        least must have one; the point is that on the ray through the box's middle. A box that the
+        edge of the image cuts off doesn't count, as its middle is not that of the thing.
 
         Args:
             name: File name of the image.
@@ -228,9 +232,10 @@ class Scene:
         except FrameError:
             return None
         height, width = depth.shape
-        rows = slice(max(round(y_min + down), 0), min(round(y_max - down) + 1, height))
-        columns = slice(max(round(x_min + across), 0), min(round(x_max - across) + 1, width))
-        middle = depth[rows, columns]
+        if x_min <= 0 or y_min <= 0 or x_max >= width - 1 or y_max >= height - 1:
+            return None
+        rows = slice(round(y_min + down), round(y_max - down) + 1)
+        middle = depth[rows, round(x_min + across) : round(x_max - across) + 1]
         measured = middle[middle > 0]
         if not len(measured) or len(measured) < MIN_VALID_SHARE * middle.size:
             return None
@@ -303,7 +308,8 @@ class TargetSightings:
     """Where a thing is, from several looks at it.
 
     Sightings within 0.75 m of each other are of one thing: where two of a kind are in a scene,
-    the one that was seen most often counts.
+    the one that was seen most often counts. What was seen ten times less often than that is taken
+    for a mistake.
     """
 
     def __init__(self) -> None:
@@ -325,7 +331,11 @@ class TargetSightings:
     def things(self) -> Sequence[NDArray[np.float64]]:
         """The middle of each thing's sightings, (3,) each, the one seen most often first."""
         ordered = sorted(self._things, key=len, reverse=True)
-        return [np.median(thing, axis=0) for thing in ordered]
+        return [
+            np.median(thing, axis=0)
+            for thing in ordered
+            if len(thing) >= MIN_SEEN_SHARE * len(ordered[0])
+        ]
 
     @property
     def position(self) -> NDArray[np.float64] | None:

@@ -155,7 +155,7 @@ def test_a_robot_that_looks_around_gets_one_map_for_all_views(
     node_process: StartNode, probe: Probe
 ) -> None:
     """All twelve at once; where one got lost, the map comes a little later without it."""
-    node_process(MAPPER, {**PARAMETERS, 'views_per_step': 12})
+    node_process(MAPPER, {**PARAMETERS, 'views_per_step': 12, 'reliable_images': True})
     robot = Robot(probe)
     frames = views(12)
     for frame in frames:

@@ -184,8 +184,9 @@ class MapperParameters:
         32, 'RGB-D: how many images wait at most', low=1, high=1000, read_only=True
     )
     reliable_images: bool = parameter(
-        False,  # noqa: FBT003
-        'RGB-D: images are waited for until they come through; only where the camera offers that',
+        default=False,
+        description='RGB-D: have images sent again that got lost; the camera must offer that, as '
+        'avd_player does',
         read_only=True,
     )
     views_per_step: int = parameter(
@@ -243,7 +244,14 @@ class MapperParameters:
     )
     max_pixels: int = parameter(
         130_000,
-        'RGB-D: of larger images only every k-th pixel is used',
+        'RGB-D: the segmenter gets no more pixels of an image than this, of larger ones every k-th',
+        low=1000,
+        high=1_000_000,
+        read_only=True,
+    )
+    max_points: int = parameter(
+        40_000,
+        'RGB-D: no more pixels of an image than this become points',
         low=1000,
         high=1_000_000,
         read_only=True,
@@ -279,7 +287,7 @@ class MapperParameters:
         high=3600.0,
         read_only=True,
     )
-    max_points: int = parameter(
+    max_published: int = parameter(
         100_000,
         'RGB-D: of a larger cloud only every k-th point is published',
         low=1,

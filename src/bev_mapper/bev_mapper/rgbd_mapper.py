@@ -53,7 +53,8 @@ class MapperConfig:
             lower than this, in metres.
         min_points: A frame must see so many points in a cell to say something about it.
         max_range: Depth beyond this is not mapped, in metres.
-        max_pixels: No more pixels of a frame than this are used.
+        max_pixels: The segmenter gets no more pixels of a frame than this.
+        max_points: No more of them than this become points.
         max_rays: No more rays of a frame than this are followed.
         fit_floor: Whether the floor is looked for; else it is at z = 0.
         voxel: Side of the cloud's voxels in metres.
@@ -71,7 +72,8 @@ class MapperConfig:
     min_points: int = 3
     max_range: float = 5.0
     max_pixels: int = 130_000
-    max_rays: int = 5000
+    max_points: int = 40_000
+    max_rays: int = 3000
     fit_floor: bool = True
     voxel: float = 0.04
     max_voxels: int = 1_000_000
@@ -174,8 +176,10 @@ class RgbdMapper:
         labels = self._pixels.labels(frame, points)
         clock.lap('segmentation')
 
-        kept = np.flatnonzero(near)
-        flat, kinds = np.take(points.reshape(3, -1), kept, axis=1), labels.reshape(-1)[kept]
+        some = _some(near.shape, config.max_points)
+        kept = np.flatnonzero(near[some])
+        flat = np.take(points[:, *some].reshape(3, -1), kept, axis=1)
+        kinds = labels[some].reshape(-1)[kept]
         if isinstance(self.grid, EvidenceGrid):
             seen = Evidence(
                 points=flat,
@@ -188,7 +192,7 @@ class RgbdMapper:
             self.grid.update(seen)
         clock.lap('grid')
 
-        self.cloud.merge(flat, frame.color.reshape(-1, 3)[kept], kinds)
+        self.cloud.merge(flat, frame.color[some].reshape(-1, 3)[kept], kinds)
         clock.lap('cloud')
         self.frames += 1
         self.stamp = max(self.stamp, frame.stamp)
@@ -220,11 +224,12 @@ class RgbdMapper:
         camera: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         """Return up to where the camera sees, for some of the pixels, (3, N)."""
-        step = math.ceil(math.sqrt(depth.size / self.config.max_rays))
-        some = depth[step // 2 :: step, step // 2 :: step].reshape(-1)
-        ends = points[:, step // 2 :: step, step // 2 :: step].reshape(3, -1)[:, some > 0]
+        some = _some(depth.shape, self.config.max_rays)
+        depths = depth[some].reshape(-1)
+        seen = np.flatnonzero(depths)
+        ends = np.take(points[:, *some].reshape(3, -1), seen, axis=1)
         # What is too far away to be mapped still shows that nothing is before it.
-        part = np.minimum(self.config.max_range / some[some > 0], 1.0)
+        part = np.minimum(self.config.max_range / depths[seen], 1.0)
         rays: NDArray[np.float64] = camera[:, None] + (ends - camera[:, None]) * part
         return rays
 
@@ -247,6 +252,20 @@ class _Clock:
         now = time.perf_counter()
         self.laps[stage] += now - self._last
         self._last = now
+
+
+def _some(shape: tuple[int, ...], most: int) -> tuple[slice, slice]:
+    """Return some rows and columns of a picture, with no more than so many pixels.
+
+    More columns than rows: what is thin, such as a table's leg, is upright.
+    """
+    height, width = shape
+    factor = max(1, -(-height * width // most))
+    across = math.isqrt(factor)
+    down = -(-factor // across)
+    while len(range(down // 2, height, down)) * len(range(across // 2, width, across)) > most:
+        down += 1
+    return slice(down // 2, None, down), slice(across // 2, None, across)
 
 
 def _check(frame: RgbdFrame) -> None:

@@ -94,8 +94,8 @@ class RgbdInput:
             validate=partial(validate_odometry, frames=(p.odom_frame, p.map_frame)),
         )
         # All views of a robot that looks around come at once and wait here for their turns.
-        offered = RELIABLE_QOS if p.reliable_images else SENSOR_QOS
-        images = QoSProfile(depth=p.queue_size, reliability=offered.reliability)
+        quality = RELIABLE_QOS if p.reliable_images else SENSOR_QOS
+        images = QoSProfile(depth=p.queue_size, reliability=quality.reliability)
         node.subscribe(
             CameraInfo,
             'camera/camera_info',
@@ -233,7 +233,7 @@ class RgbdInput:
         self._points.publish(
             to_point_cloud(
                 cloud,
-                self._parameters.max_points,
+                self._parameters.max_published,
                 stamp=max(mapper.stamp, 0),
                 frame_id=self._parameters.map_frame,
             )
@@ -253,6 +253,7 @@ def mapper_config(p: MapperParameters) -> MapperConfig:
         free_below=p.free_below,
         max_range=p.max_range,
         max_pixels=p.max_pixels,
+        max_points=p.max_points,
         fit_floor=p.fit_floor,
         voxel=p.voxel,
         max_voxels=p.max_voxels,

@@ -383,7 +383,7 @@ def decision_of(plan: Plan, grid: PlanningGrid) -> Decision:
     """Return what a plan decided, as far as it counts in lockstep: how many steps were sent."""
     from vgdp_planner.cycle import Decision  # noqa: PLC0415 - loads what reports do without
 
-    return Decision(len(plan.committed), grid.start, DONE in plan.committed, np.empty((0, 2)))
+    return Decision(plan.committed, grid.start, DONE in plan.committed, np.empty((0, 2)))
 
 
 def _compare_plans(

@@ -23,7 +23,7 @@ from gridnav.ros.conversions import (
     to_occupancy_grid,
     to_path_of_points,
 )
-from gridnav.ros.episode import EpisodeStatus
+from gridnav.ros.episode import PLANNER_GAVE_UP, EpisodeStatus
 from gridnav.ros.node import BaseNode
 from gridnav.ros.parameters import parameter
 from gridnav.ros.paths import PathError, PathFailure, PathServer
@@ -144,6 +144,14 @@ class PlannerParameters:
         unit='cells',
         low=100,
         high=MAX_CELLS,
+        read_only=True,
+    )
+    blocked_after: int = parameter(
+        3,
+        'In lockstep, a place that so many steps did not get to counts as an obstacle',
+        unit='steps',
+        low=1,
+        high=1000,
         read_only=True,
     )
     path_action: str = parameter(
@@ -309,6 +317,11 @@ class PlannerNode(BaseNode[PlannerParameters]):
             self._planner.reset(self.parameters.seed)
         grid, belief = observation.grid, observation.belief
         plan = self._planner.plan(grid.partial_map, grid.start if belief is None else belief)
+        if plan.status in PLANNER_GAVE_UP and isinstance(self._cycle, PlanningCycle):
+            again = self._cycle.reopened(observation)
+            if again is not None:
+                observation, grid = again, again.grid
+                plan = self._planner.plan(grid.partial_map, grid.start)
         self.diagnostics.latency(time.perf_counter() - began, 'plan')
         self._last_news = time.monotonic()
         self._publish_plan(observation, plan)
@@ -347,7 +360,7 @@ class PlannerNode(BaseNode[PlannerParameters]):
             blocks = onward_way(seen_way(grid.partial_map, blocks), moves)
         way = grid.way(blocks, via=moves) if going else np.empty((0, 2))
         done = DONE in plan.committed
-        decision = Decision(len(plan.committed), blocks[moves], done, way)
+        decision = Decision(plan.committed, blocks[moves], done, way)
         self._cycle.planned(observation, decision)
 
         self._path = to_path_of_points(way.tolist(), stamp=stamp, frame_id=p.map_frame)
@@ -465,7 +478,7 @@ def make_cycle(parameters: PlannerParameters) -> PlanningCycle | FreeCycle:
     p = parameters
     settings = GridSettings(p.robot_radius, p.planning_resolution, p.max_planning_cells)
     if p.pose_source == LOCKSTEP:
-        return PlanningCycle(settings)
+        return PlanningCycle(settings, p.blocked_after)
     return FreeCycle(replace(settings, resolution=settings.resolution or FREE_RESOLUTION_M))
 
 

@@ -43,7 +43,7 @@ from gridnav.partial_map import (
 from vgdp_planner.ways import inflate, room_around, shortest_way
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -79,11 +79,14 @@ class GridSettings:
         robot_radius: Of the circle around the robot that must stay clear, in metres.
         resolution: Side of a block in metres, rounded to whole cells of the map; 0 for one cell.
         max_cells: Blocks become larger rather than more than this many.
+        keep_resolution: Whether blocks stay as they are where smaller ones would cut off less: a
+            robot that moves by whole blocks can't use those.
     """
 
     robot_radius: float = 0.0
     resolution: float = 0.0
     max_cells: int = 40_000
+    keep_resolution: bool = False
 
 
 @dataclass(frozen=True)
@@ -253,7 +256,9 @@ def make_planning_grid(
     position: Point,
     goal: Point | None = None,
     settings: GridSettings | None = None,
-    visited: Iterable[Point] = (),
+    *,
+    visited: Collection[Point] = (),
+    blocked: Collection[Point] = (),
 ) -> PlanningGrid:
     """Make a map ready for the planner.
 
@@ -269,6 +274,7 @@ def make_planning_grid(
         goal: Position of the goal, if it is known.
         settings: Radius of the robot and size of the planning grid.
         visited: Where the robot has been: nothing is left to see there, whatever the map says.
+        blocked: Where it could not get to: there is an obstacle there, whatever the map says.
 
     Raises:
         OutsideMapError: If the robot is not on the map.
@@ -285,6 +291,9 @@ def make_planning_grid(
     factor = max(1, round(settings.resolution / geometry.resolution))
     if factor == 1 and settings.robot_radius == 0:
         partial_map = from_occupancy(occupancy, None if goal is None else geometry.cell_at(*goal))
+        for row, col in _cells_of(geometry, blocked):
+            partial_map[:, row, col] = 0.0
+            partial_map[OBSTACLE, row, col] = 1.0
         state: GoalState = 'none'
         if goal is not None:
             state = 'ok' if partial_map[GOAL].any() else 'outside'
@@ -292,11 +301,24 @@ def make_planning_grid(
     coarsening = _Coarsening(occupancy, geometry, cell, goal, settings.robot_radius)
     while coarsening.cells(factor) > settings.max_cells:
         factor += 1
-    grid = coarsening.grid(factor, visited)
-    while grid.lost and factor > 1 and coarsening.cells(factor // 2) <= settings.max_cells:
+    grid = coarsening.grid(factor, visited, blocked)
+    while (
+        grid.lost
+        and not settings.keep_resolution
+        and factor > 1
+        and coarsening.cells(factor // 2) <= settings.max_cells
+    ):
         factor //= 2
-        grid = coarsening.grid(factor, visited)
+        grid = coarsening.grid(factor, visited, blocked)
     return grid
+
+
+def _cells_of(geometry: GridGeometry, places: Iterable[Point]) -> Iterator[Cell]:
+    """Yield the cells of places that are on the grid."""
+    for place in places:
+        cell = geometry.cell_at(*place)
+        if geometry.contains(*cell):
+            yield cell
 
 
 class _Coarsening:
@@ -353,7 +375,9 @@ class _Coarsening:
         first, end = self._blocks(factor)
         return int((end - first).prod())
 
-    def grid(self, factor: int, visited: Iterable[Point]) -> PlanningGrid:
+    def grid(
+        self, factor: int, visited: Collection[Point], blocked: Collection[Point]
+    ) -> PlanningGrid:
         """Make the grid of blocks of one size.
 
         Raises:
@@ -362,6 +386,11 @@ class _Coarsening:
         first, end = self._blocks(factor)
         values, fine = self._window(first, end, factor)
         clear = ~inflate(values >= OCCUPIED_FROM, self._radius / fine.resolution)
+        rows, cols = (end - first).tolist()
+        side = factor * fine.resolution
+        geometry = GridGeometry(rows, cols, side, fine.origin_x, fine.origin_y)
+        for row, col in _cells_of(geometry, blocked):
+            clear[row * factor : (row + 1) * factor, col * factor : (col + 1) * factor] = False
         to_window = self._anchor - first * factor
         labels, _ = ndimage.label(clear)
         start = self._start(clear, labels, self._robot + to_window, factor)
@@ -374,12 +403,8 @@ class _Coarsening:
         blocks = _reached_blocks(pieces, _block(start, factor))
         standable = pieces.standable & _spread(blocks, factor)
         partial_map = self._partial_map(values, seen_free, standable, pieces.is_open, factor)
-        rows, cols = blocks.shape
-        side = factor * fine.resolution
-        geometry = GridGeometry(rows, cols, side, fine.origin_x, fine.origin_y)
-        for point in visited:
-            block = geometry.cell_at(*point)
-            if geometry.contains(*block) and blocks[block]:
+        for block in _cells_of(geometry, visited):
+            if blocks[block]:
                 partial_map[(FREE, *block)] = 1.0
         cut = is_ground & ~standable
         # What was not seen may be anything, so it counts only where nothing else is left to see.

@@ -46,6 +46,13 @@ GROUPS: dict[str, tuple[str, dict[str, tuple[str, str]]]] = {
             'merge': ('vgdp_experiments.merge', 'join the parts of one of these into a page'),
         },
     ),
+    'avd': (
+        'scenes of the Active Vision Dataset',
+        {
+            'check': ('avd_player.check', 'say what is present, missing or broken in them'),
+            'synth': ('avd_player.homes.synth', 'write synthetic homes as such scenes'),
+        },
+    ),
     'bench': (
         'measure speed',
         {

@@ -88,7 +88,7 @@ def make_instance(style: Style, number: int) -> Mesh:
         number: As in `INSTANCE_NAMES`, from 1.
     """
     _, shape, size, colour = _SHAPES[number - 1]
-    return _MAKE[shape](style, size, colour).marked(number)
+    return _MAKE[shape](style, size, colour)
 
 
 def _cola(style: Style, size: tuple[float, float, float], colour: Colour) -> Mesh:

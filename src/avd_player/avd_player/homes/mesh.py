@@ -30,7 +30,7 @@ class Mesh:
         faces: Vertices of the triangles, counter-clockwise from outside, int32 (T, 3).
         materials: Indices into the textures of the home, int32 (T,).
         labels: Indices into `gridnav.rgbd.CLASSES`, uint8 (T,).
-        instances: Numbers of things that are looked for, 0 elsewhere, uint8 (T,).
+        instances: 1 for the first of the home's things, and so on, 0 elsewhere, uint8 (T,).
     """
 
     vertices: NDArray[np.float32]

@@ -887,7 +887,7 @@ class _Builder:
             size = instance_size(number)
             spot = self._spot(max(size[0], size[1]) / 2 + 0.02, taken)
             if spot is not None:
-                things.append(self._put(number, *spot))
+                things.append(self._put(len(things) + 1, number, *spot))
         for _ in range(int(rng.integers(8, 30))):
             item = furniture.small_thing(style)
             spot = self._spot(max(item.width, item.depth) / 2 + 0.01, taken)
@@ -917,8 +917,9 @@ class _Builder:
     def _within(self, low: float, high: float) -> float:
         return self.style.between(low, high) if low < high else (low + high) / 2
 
-    def _put(self, number: int, x: float, y: float, z: float) -> Thing:
+    def _put(self, index: int, number: int, x: float, y: float, z: float) -> Thing:
         mesh = make_instance(self.style, number).moved(x, y, z + 0.001, self.style.between(0, 6.28))
+        mesh = mesh.marked(index)
         self.parts.append(mesh)
         centers = mesh.vertices[mesh.faces].mean(1)
         corners = mesh.vertices[mesh.faces]
@@ -954,7 +955,7 @@ class _Builder:
                     target = np.array([x, y, z + up], np.float32)
                     seen &= ~caster.blocked(eyes, np.broadcast_to(target, eyes.shape), 0.01)
                 if apart.min() < NEAR_BOTTLE and seen.sum() >= WATCHERS:
-                    return self._put(BOTTLE_ID, x, y, z)
+                    return self._put(1, BOTTLE_ID, x, y, z)
                 taken.pop()
         finally:
             self.tops = all_tops

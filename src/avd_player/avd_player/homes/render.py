@@ -33,7 +33,7 @@ class Picture(NamedTuple):
         depth: Metres along the optical axis, 0 where there is nothing, float32 (H, W).
         labels: Indices into `gridnav.rgbd.CLASSES`, `UNLABELLED` where there is nothing, uint8
             (H, W).
-        instances: Numbers of things that are looked for, 0 elsewhere, uint8 (H, W).
+        instances: 1 for the first of the home's things, and so on, 0 elsewhere, uint8 (H, W).
     """
 
     rgb: NDArray[np.uint8]

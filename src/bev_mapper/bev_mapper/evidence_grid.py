@@ -30,7 +30,7 @@ OCCUPIED_FROM, FREE_UP_TO = 0.65, 0.35
 """Probabilities from which on a cell is an obstacle, and up to which it is free."""
 
 LAYER_M = 0.1
-"""Evidence is kept for slabs of this height, as what is above a chair says nothing of the chair."""
+"""Evidence is kept for slabs of this height: what is above a chair says nothing of the chair."""
 
 LOWEST_FLOOR_M = -0.25
 """What seems to be further below the floor than this is a reflection."""
@@ -60,15 +60,17 @@ class Evidence:
     """What one frame saw, with heights above the floor; metres.
 
     Attributes:
-        floor: Points of the floor, (3, N).
-        obstacles: Points of what is neither floor nor ceiling, (3, N).
+        points: What was seen, (3, N).
+        is_floor: Which of the points are of the floor, (N,).
+        is_solid: Which are neither of the floor nor of the ceiling, (N,).
         camera: Where they were seen from, (3,).
         rays: Points up to which the camera could see, (3, M).
         robot: x and y of the robot where its footprint is to be free, else None.
     """
 
-    floor: NDArray[np.float64]
-    obstacles: NDArray[np.float64]
+    points: NDArray[np.float64]
+    is_floor: NDArray[np.bool_]
+    is_solid: NDArray[np.bool_]
     camera: NDArray[np.float64]
     rays: NDArray[np.float64]
     robot: tuple[float, float] | None
@@ -142,34 +144,40 @@ class EvidenceGrid:
         Raises:
             ValueError: If the map would grow beyond its limit; it is as it was.
         """
-        height = seen.obstacles[2]
-        in_crop = (height >= self.crop.low) & (height < self.crop.high)
+        height = seen.points[2]
+        solid = seen.is_solid & (height >= self.crop.low) & (height < self.crop.high)
+        floor = seen.is_floor & (height > LOWEST_FLOOR_M)
         places = [
-            self._cells(seen.obstacles[:, in_crop]),
-            self._cells(seen.floor[:, seen.floor[2] > LOWEST_FLOOR_M]),
+            self._cells(np.take(seen.points, np.flatnonzero(solid), axis=1)),
+            self._cells(np.take(seen.points, np.flatnonzero(floor), axis=1)),
             self._cells(self._looked_through(seen)),
             self._cells(self._under(seen.robot)),
         ]
-        self._make_room(places)
-        places = [cells[:, self._on_grid(cells)] for cells in places]
+        if not self._growth:
+            places = [self._inside(cells) for cells in places]
         together = np.concatenate(places, axis=1)
         if not together.shape[1]:
             return
-        _, *first = together.min(axis=1).tolist()
-        _, *last = together.max(axis=1).tolist()
+        if self._growth:
+            self._make_room(together)
+        first = together[1:].min(axis=1).tolist()
+        last = together[1:].max(axis=1).tolist()
         rows, cols = (slice(low, high + 1) for low, high in zip(first, last, strict=True))
         shape = (self._layers, last[0] - first[0] + 1, last[1] - first[1] + 1)
-        solid, floor, through, under = (_flat(cells, first, shape) for cells in places)
+        layer, row, col = together
+        flat = (layer * shape[1] + row - first[0]) * shape[2] + col - first[1]
+        ends = np.cumsum([cells.shape[1] for cells in places])
+        hits, ground, through, under = np.split(flat, ends[:-1])
 
         area = shape[1] * shape[2]
-        points = np.bincount(solid, minlength=shape[0] * area).reshape(shape)
+        points = np.bincount(hits, minlength=shape[0] * area).reshape(shape)
         # An obstacle of few points may stand on a floor of many: each slab counts by itself.
         hit = (points > 0) & (points.sum(axis=0) >= self._min_points)
         change = np.zeros(shape, dtype=np.int8)
         change.reshape(-1)[through] = LOOKED_THROUGH
         change[hit] = HIT
         _add(self._slabs[:, rows, cols], change)
-        points = np.bincount(floor % area, minlength=area).reshape(shape[1:])
+        points = np.bincount(ground % area, minlength=area).reshape(shape[1:])
         on_floor = points >= self._min_points
         _add(self._floor[rows, cols], on_floor.astype(np.int8) * np.int8(FLOOR_SEEN))
         free = np.zeros(area, dtype=np.bool_)
@@ -206,9 +214,14 @@ class EvidenceGrid:
         end = np.minimum(bounds.max(axis=0), length - RAY_MARGIN * resolution)
         step = RAY_STEP * resolution
         counts = np.maximum(np.ceil((end - begin) / step), 0.0).astype(np.int64)
-        ray = np.repeat(np.arange(len(counts)), counts)
-        number = np.arange(len(ray)) - np.repeat(np.cumsum(counts) - counts, counts)
-        return start + way[:, ray] * (begin[ray] + number * step)
+        number = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        along = np.repeat(begin, counts) + number * step
+        return np.stack(
+            [
+                place + np.repeat(part, counts) * along
+                for place, part in zip(start, way, strict=True)
+            ]
+        )
 
     def _under(self, robot: tuple[float, float] | None) -> NDArray[np.float64]:
         """Return the centres of the cells under the robot, and its own place, (3, N)."""
@@ -216,7 +229,7 @@ class EvidenceGrid:
             return np.empty((3, 0))
         reach = math.ceil(self._footprint / self.geometry.resolution)
         row, col = self.geometry.cell_at(*robot)
-        offsets = np.arange(-reach, reach + 1)
+        offsets = range(-reach, reach + 1)
         places = np.array(
             [
                 self.geometry.center_of(row + down, col + right)
@@ -228,15 +241,16 @@ class EvidenceGrid:
         near[len(near) // 2] = True
         return np.vstack([places[near].T, np.zeros(near.sum())])
 
-    def _make_room(self, places: list[NDArray[np.int64]]) -> None:
-        """Grow so that the cells lie on the map and not on its rim; moves them along."""
-        if not self._growth:
-            return
-        together = np.concatenate(places, axis=1)
-        if not together.shape[1]:
-            return
+    def _inside(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return those of cells (3, N) that lie on the map."""
+        _, rows, cols = cells
+        height, width = self.geometry.shape
+        return cells[:, (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)]
+
+    def _make_room(self, cells: NDArray[np.int64]) -> None:
+        """Grow so that cells (3, N) lie on the map and not on its rim; changes them to match."""
         # The rim stays unknown, so that a planner sees that there is more to see.
-        lowest, highest = together.min(axis=1) - 1, together.max(axis=1) + 1
+        lowest, highest = cells.min(axis=1) - 1, cells.max(axis=1) + 1
         found = grown(
             self.geometry,
             (int(lowest[1]), int(highest[1])),
@@ -247,19 +261,12 @@ class EvidenceGrid:
         if found is None:
             return
         self.geometry, margins = found
-        for cells in places:
-            cells[1] += margins[0][0]
-            cells[2] += margins[1][0]
+        cells[1] += margins[0][0]
+        cells[2] += margins[1][0]
         self._slabs = np.pad(self._slabs, ((0, 0), *margins))
         self._floor = np.pad(self._floor, margins)
         self.occupancy = np.pad(self.occupancy, margins, constant_values=UNKNOWN_VALUE)
         self.probability = np.pad(self.probability, margins, constant_values=UNKNOWN_VALUE)
-
-    def _on_grid(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        _, rows, cols = cells
-        height, width = self.geometry.shape
-        inside: NDArray[np.bool_] = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
-        return inside
 
     def _conclude(self, rows: slice, cols: slice) -> None:
         """Say what follows from the evidence of a part of the grid."""
@@ -283,12 +290,6 @@ _OCCUPANCY = np.select(
     UNKNOWN_VALUE,
 ).astype(np.int8)
 """What follows from each amount of evidence, from `LOWEST` on."""
-
-
-def _flat(cells: NDArray[np.int64], first: list[int], shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return the numbers of cells (3, N) in a part of the grid, (N,)."""
-    layers, rows, cols = cells
-    return (layers * shape[1] + rows - first[0]) * shape[2] + cols - first[1]
 
 
 def _add(evidence: NDArray[np.int8], change: NDArray[np.int8]) -> None:

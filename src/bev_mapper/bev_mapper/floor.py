@@ -17,7 +17,7 @@ FloatOrArray = TypeVar('FloatOrArray', float, 'NDArray[np.float64]')
 
 PRIOR_OFFSET_M = 0.05
 PRIOR_SLOPE = 0.03
-"""Standard deviations of the floor's height under the camera and of its slope, before it is seen."""
+"""Standard deviations of the floor's height under the camera and of its slope, when unseen."""
 
 GATE_M = 0.1
 GATE_SLOPE = 0.05
@@ -38,8 +38,8 @@ MAX_POINTS = 20.0
 
 MANY = 0.05
 FEW = 0.005
-"""Shares of a picture. With less floor than the first it counts for less, with less than the second
-for nothing, as it may be something low."""
+"""Shares of a picture. With less floor than the first it counts for less, with less than the
+second for nothing, as it may be something low."""
 
 MEMORY = 0.8
 """What earlier frames count when the next one comes."""
@@ -136,7 +136,7 @@ class FloorTracker:
     def _solve(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return offset under the camera, slopes ahead and to the left (3,), and covariance."""
         prior = np.diag([PRIOR_OFFSET_M**-2, PRIOR_SLOPE**-2, PRIOR_SLOPE**-2])
-        covariance = np.linalg.inv(prior + self._information)
+        covariance = np.asarray(np.linalg.inv(prior + self._information), dtype=np.float64)
         return covariance @ self._vector, covariance
 
 

@@ -12,8 +12,6 @@ from gridnav.partial_map import FREE_VALUE, OCCUPIED_VALUE, UNKNOWN_VALUE
 from gridnav.rgbd import CLASSES
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from bev_mapper.evidence_grid import Crop
     from bev_mapper.voxel_cloud import CloudPoints
     from gridnav.grid import GridGeometry
@@ -24,7 +22,7 @@ FREE_CLASSES = tuple(CLASSES.index(name) for name in ('ceiling', 'floor'))
 class MajorityGrid:
     """Cells that are free where most points are floor or ceiling, and else obstacles.
 
-    It is made from the whole cloud each time, so what it costs is bounded by the size of the cloud.
+    It is made from the whole cloud each time, so what it costs is bounded by the cloud's size.
 
     Attributes:
         geometry: Where the grid lies now.

@@ -12,7 +12,7 @@ import numpy as np
 from bev_mapper.evidence_grid import Crop, Evidence, EvidenceGrid
 from bev_mapper.floor import FloorTracker, Plane
 from bev_mapper.grid_fusion import DEFAULT_MAX_CELLS
-from bev_mapper.majority_grid import FREE_CLASSES, MajorityGrid
+from bev_mapper.majority_grid import MajorityGrid
 from bev_mapper.segmentation import CloudSegmenter, GeometricSegmenter
 from bev_mapper.unprojection import depth_in_metres, thin, unproject
 from bev_mapper.voxel_cloud import VoxelCloud
@@ -31,7 +31,7 @@ Stage = Literal['unprojection', 'floor', 'segmentation', 'grid', 'cloud']
 STAGES: tuple[Stage, ...] = get_args(Stage)
 """What is done with a frame."""
 
-FLOOR = CLASSES.index('floor')
+FLOOR, CEILING = CLASSES.index('floor'), CLASSES.index('ceiling')
 
 ON_FLOOR_M = 0.3
 """A robot whose pose is further from the floor than this does not stand on it."""
@@ -170,11 +170,12 @@ class RgbdMapper:
         clock.lap('segmentation')
 
         kept = np.flatnonzero(near)
-        flat, kinds = points.reshape(3, -1)[:, kept], labels.reshape(-1)[kept]
+        flat, kinds = np.take(points.reshape(3, -1), kept, axis=1), labels.reshape(-1)[kept]
         if isinstance(self.grid, EvidenceGrid):
             seen = Evidence(
-                floor=flat[:, kinds == FLOOR],
-                obstacles=flat[:, ~np.isin(kinds, FREE_CLASSES)],
+                points=flat,
+                is_floor=kinds == FLOOR,
+                is_solid=(kinds != FLOOR) & (kinds != CEILING),
                 camera=camera,
                 rays=self._rays(points, depth, camera),
                 robot=self._on_floor(frame),
@@ -182,7 +183,7 @@ class RgbdMapper:
             self.grid.update(seen)
         clock.lap('grid')
 
-        self.cloud.merge(flat.T, frame.color.reshape(-1, 3)[kept], kinds)
+        self.cloud.merge(flat, frame.color.reshape(-1, 3)[kept], kinds)
         clock.lap('cloud')
         self.frames += 1
         self.stamp = max(self.stamp, frame.stamp)
@@ -218,7 +219,8 @@ class RgbdMapper:
         ends = points[:, step // 2 :: step, step // 2 :: step].reshape(3, -1)[:, some > 0]
         # What is too far away to be mapped still shows that nothing is before it.
         part = np.minimum(self.config.max_range / some[some > 0], 1.0)
-        return camera[:, None] + (ends - camera[:, None]) * part
+        rays: NDArray[np.float64] = camera[:, None] + (ends - camera[:, None]) * part
+        return rays
 
     def _on_floor(self, frame: RgbdFrame) -> tuple[float, float] | None:
         """Return where the robot stands, None where the pose is that of a camera in the air."""

@@ -55,7 +55,7 @@ def thin(frame: RgbdFrame, max_pixels: int) -> RgbdFrame:
 def depth_in_metres(
     depth: NDArray[np.uint16] | NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """Return depth in metres, 0 where nothing was measured (0, 65535 mm, NaN, infinite), (H, W)."""
+    """Return depth in metres (H, W), 0 where nothing was measured: 65535 mm, NaN or infinite."""
     if depth.dtype == np.uint16:
         metres = depth * MILLIMETRE
         metres[depth == INVALID_MM] = 0.0
@@ -91,6 +91,6 @@ def unproject(
 @lru_cache(maxsize=8)
 def _rays(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the slopes of the columns (W,) and of the rows (H,)."""
-    across = (np.arange(camera.width) - camera.cx) / camera.fx
-    down = (np.arange(camera.height) - camera.cy) / camera.fy
+    across = (np.arange(camera.width, dtype=np.float64) - camera.cx) / camera.fx
+    down = (np.arange(camera.height, dtype=np.float64) - camera.cy) / camera.fy
     return across, down

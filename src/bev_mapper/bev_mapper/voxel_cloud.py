@@ -92,12 +92,12 @@ class VoxelCloud:
         """Take in the points of a frame.
 
         Args:
-            positions: Metres in the frame of the map, (N, 3).
+            positions: Metres in the frame of the map, (3, N).
             colors: (N, 3).
             labels: Indices of classes or `UNLABELLED`, (N,).
         """
         self._frames += 1
-        if not len(positions):
+        if not len(labels):
             return
         keys, means, weights, votes = _summarise(positions, colors, labels, self.voxel)
         if len(keys) > self.max_voxels:
@@ -136,7 +136,7 @@ class VoxelCloud:
         )
 
     def relabel(self, labels: NDArray[np.uint8]) -> None:
-        """Replace the labels of all voxels, in the order of `points`, (N,); votes go on from it."""
+        """Replace the labels of all voxels (N,), in the order of `points`; votes go on from it."""
         kinds = np.minimum(labels, KINDS - 1)
         votes = self._votes[: self._count]
         weights = np.maximum(votes.sum(axis=1), 1)
@@ -144,7 +144,8 @@ class VoxelCloud:
         votes[np.arange(self._count), kinds] = np.minimum(weights, MAX_VOTES)
 
     def _labels(self) -> NDArray[np.uint8]:
-        kinds = self._votes[: self._count].argmax(axis=1).astype(np.uint8)
+        most = self._votes[: self._count].argmax(axis=1)
+        kinds: NDArray[np.uint8] = most.astype(np.uint8)
         kinds[kinds == KINDS - 1] = UNLABELLED
         return kinds
 
@@ -206,15 +207,25 @@ def _summarise(
     voxel: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
     """Return the voxels of points: keys (V,), means (V, 6), weights (V,), votes (V, KINDS)."""
-    cells = np.floor(positions / voxel).astype(np.int64) + _OFFSET
-    keys = (cells[:, 0] << 2 * _AXIS_BITS) | (cells[:, 1] << _AXIS_BITS) | cells[:, 2]
-    order = np.argsort(keys)
-    keys = keys[order]
-    begins = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
-    weights = np.diff(np.append(begins, len(keys))).astype(np.float64)
-    values = np.concatenate([positions, colors], axis=1)[order]
-    means = np.add.reduceat(values, begins, axis=0) / weights[:, None]
-    group = np.repeat(np.arange(len(begins)), weights.astype(np.int64))
-    kinds = np.minimum(labels[order], KINDS - 1)
-    votes = np.bincount(group * KINDS + kinds, minlength=len(begins) * KINDS)
-    return keys[begins], means, weights, votes.reshape(-1, KINDS)
+    cells = np.floor(positions / voxel).astype(np.int64)
+    low = cells.min(axis=1, keepdims=True)
+    spans = (cells.max(axis=1) - low[:, 0] + 1).tolist()
+    cells -= low
+    number = (cells[0] * spans[1] + cells[1]) * spans[2] + cells[2]
+    # Sorting numbers with their places in the lower bits is several times as fast as sorting
+    # places by numbers. What one camera sees leaves room for that.
+    bits = len(number).bit_length()
+    packed = np.sort((number << bits) | np.arange(len(number)))
+    number, order = packed >> bits, packed & ((1 << bits) - 1)
+    first = np.append(True, number[1:] != number[:-1])
+    group = np.empty_like(order)
+    group[order] = np.cumsum(first) - 1
+
+    begins = order[first]
+    cells = cells[:, begins] + (low + _OFFSET)
+    keys = (cells[0] << 2 * _AXIS_BITS) | (cells[1] << _AXIS_BITS) | cells[2]
+    count = len(keys)
+    weights = np.bincount(group).astype(np.float64)
+    means = np.stack([np.bincount(group, values) for values in (*positions, *colors.T)], axis=1)
+    votes = np.bincount(group * KINDS + np.minimum(labels, KINDS - 1), minlength=count * KINDS)
+    return keys, means / weights[:, None], weights, votes.reshape(count, KINDS)

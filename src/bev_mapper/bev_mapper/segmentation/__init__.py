@@ -63,6 +63,15 @@ class CloudSegmenter(Protocol):
 SEGMENTERS = ('geometric', 'learned', 'dgcnn', 'swin3d', 'ground_truth')
 """The names that `make_segmenter` knows."""
 
+__all__ = [
+    'SEGMENTERS',
+    'CloudSegmenter',
+    'GeometricSegmenter',
+    'GroundTruthSegmenter',
+    'Segmenter',
+    'make_segmenter',
+]
+
 
 def make_segmenter(name: str, weights: Path | None = None) -> Segmenter | CloudSegmenter:
     """Build a segmenter.

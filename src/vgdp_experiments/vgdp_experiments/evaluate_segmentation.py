@@ -6,7 +6,7 @@ import json
 import os
 import platform
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,9 +28,12 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
 
-    from bev_mapper.segmentation import Segmenter
     from numpy.typing import NDArray
+
+    from bev_mapper.segmentation import Segmenter
     from vgdp_experiments.home_views import View
+
+TEST_FOLDER = 'runs/homes-views-test'
 
 SIGMAS_MM = (0.0, 10.0, 30.0, 100.0)
 
@@ -72,8 +75,8 @@ Everything random comes from the seeds in these commands. Losses at the end: {lo
 ## Scores
 
 {tested} homes of the seed {test_seed} with {test_views} views each, cameras drawn as in training,
-depth with Gaussian noise of the standard deviation σ; all pixels whose depth is known. Intersection
-over union, in percent; ± is half of the 95 % interval over homes.
+depth with Gaussian noise of the standard deviation σ; all pixels whose depth is known.
+Intersection over union, in percent; ± is half of the 95 % interval over homes.
 
 {scores}
 
@@ -86,42 +89,31 @@ A frame of 640 x 480, thinned as the mapper does, takes {milliseconds:.0f} ms on
 """
 
 
-@dataclass(frozen=True)
-class Scores:
-    """How well a segmenter did on some views.
+def summary(confusion: NDArray[np.int64]) -> dict[str, Any]:
+    """Return scores with their intervals over homes.
 
-    Attributes:
-        confusion: Pixels by home, true class and class that was found, int64 (homes, 13, 13).
+    Args:
+        confusion: Pixels by home, true class and class that was found, (homes, 13, 13).
     """
-
-    confusion: NDArray[np.int64]
-
-    def summary(self) -> dict[str, Any]:
-        """Return the scores with their intervals over homes."""
-        rng = np.random.default_rng(0)
-        homes = len(self.confusion)
-        drawn = rng.integers(homes, size=(DRAWS, homes))
-        again = self.confusion[drawn].sum(axis=1)
-        whole = self.confusion.sum(axis=0)[None]
-        found: dict[str, Any] = {}
-        for name, score in {'mean_iou': mean_iou, 'accuracy': accuracy}.items():
-            found[name] = _with_interval(score(whole), score(again))
-        per_class, many = class_iou(whole), class_iou(again)
-        found['iou'] = {
-            name: _with_interval(per_class[:, index], many[:, index])
-            for index, name in enumerate(CLASSES)
-        }
-        free, often = class_iou(free_confusion(whole)), class_iou(free_confusion(again))
-        for index, name in enumerate(('obstacle_iou', 'free_iou')):
-            found[name] = _with_interval(free[:, index], often[:, index])
-        return found
+    homes = len(confusion)
+    drawn = np.random.default_rng(0).integers(homes, size=(DRAWS, homes))
+    # The first is as it is, the others are with homes drawn anew.
+    many = np.concatenate([confusion.sum(axis=0)[None], confusion[drawn].sum(axis=1)])
+    per_class, free = class_iou(many), class_iou(free_confusion(many))
+    return {
+        'mean_iou': _with_interval(mean_iou(many)),
+        'accuracy': _with_interval(accuracy(many)),
+        'obstacle_iou': _with_interval(free[:, 0]),
+        'free_iou': _with_interval(free[:, 1]),
+        'iou': {name: _with_interval(per_class[:, i]) for i, name in enumerate(CLASSES)},
+    }
 
 
-def _with_interval(value: NDArray[np.float64], again: NDArray[np.float64]) -> list[float]:
-    """Return a score and its interval."""
-    known = again[np.isfinite(again)]
+def _with_interval(scores: NDArray[np.float64]) -> list[float]:
+    """Return the first score and the interval of the others."""
+    known = scores[1:][np.isfinite(scores[1:])]
     bounds = np.percentile(known, INTERVAL).tolist() if len(known) else [np.nan, np.nan]
-    return [round(float(number), 5) for number in (value[0], *bounds)]
+    return [round(float(number), 5) for number in (scores[0], *bounds)]
 
 
 def class_iou(confusion: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -167,8 +159,8 @@ def frame_of(view: View, sigma_mm: float, rng: np.random.Generator) -> RgbdFrame
     )
 
 
-def evaluate(segmenter: Segmenter, views: Views, sigma_mm: float) -> tuple[Scores, float]:
-    """Return the scores on all views and the median of the seconds that a frame took."""
+def evaluate(segmenter: Segmenter, views: Views, sigma_mm: float) -> dict[str, Any]:
+    """Return the scores on all views, and the median of the milliseconds that a frame took."""
     confusion = np.zeros((views.settings.homes, len(CLASSES), len(CLASSES)), dtype=np.int64)
     seconds = []
     for index in tqdm(range(len(views)), desc=f'{segmenter.name}, {sigma_mm:g} mm', unit='view'):
@@ -183,7 +175,7 @@ def evaluate(segmenter: Segmenter, views: Views, sigma_mm: float) -> tuple[Score
         pairs = view.labels[used].astype(np.int64) * len(CLASSES) + labels[used]
         counts = np.bincount(pairs, minlength=len(CLASSES) ** 2)
         confusion[view.home - 1] += counts.reshape(len(CLASSES), len(CLASSES))
-    return Scores(confusion), float(np.median(seconds))
+    return summary(confusion) | {'milliseconds': 1000 * float(np.median(seconds))}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -191,7 +183,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--views',
         type=Path,
-        default=Path('runs/homes-views-test'),
+        default=Path(TEST_FOLDER),
         help='folder of `vgdp data homes-views` with a seed of its own',
     )
     parser.add_argument('--weights', type=Path, default=SHIPPED, help='default: the shipped ones')
@@ -218,16 +210,11 @@ def run(arguments: argparse.Namespace) -> int:
     learned = LearnedSegmenter.from_folder(arguments.weights)
     results: dict[str, Any] = {'learned': {}, 'geometric': {}}
     for sigma in SIGMAS_MM:
-        scores, seconds = evaluate(learned, views, sigma)
-        results['learned'][f'{sigma:g}'] = scores.summary() | {'milliseconds': 1000 * seconds}
-        scores, seconds = evaluate(GeometricSegmenter(), views, sigma)
-        summary = scores.summary()
-        # It knows three classes only, so all others would be 0.
-        results['geometric'][f'{sigma:g}'] = {
-            'free_iou': summary['free_iou'],
-            'obstacle_iou': summary['obstacle_iou'],
-            'milliseconds': 1000 * seconds,
-        }
+        results['learned'][f'{sigma:g}'] = evaluate(learned, views, sigma)
+        scores = evaluate(GeometricSegmenter(), views, sigma)
+        # It knows three classes only, so the others say nothing.
+        kept = ('free_iou', 'obstacle_iou', 'milliseconds')
+        results['geometric'][f'{sigma:g}'] = {name: scores[name] for name in kept}
     report = {
         'views': asdict(views.settings),
         'interval_percentiles': INTERVAL,
@@ -248,7 +235,8 @@ def run(arguments: argparse.Namespace) -> int:
 def score_table(results: dict[str, Any]) -> str:
     """Return the scores as a table in Markdown."""
     learned, geometric = results['learned'], results['geometric']
-    rows = [['', *(f'σ = {sigma} mm' for sigma in learned)], ['---', *('---:' for _ in learned)]]
+    sigmas = list(learned)
+    rows = [['', *(f'σ = {sigma} mm' for sigma in sigmas)], ['---', *('---:' for _ in sigmas)]]
 
     def add(name: str, numbers: Sequence[Sequence[float]]) -> None:
         rows.append([name, *(_percent(number) for number in numbers)])
@@ -279,16 +267,14 @@ def card(
     training = record['training']
     homes, tested = training['homes'], views.settings
 
-    def command(words: str, settings: dict[str, Any]) -> str:
+    def command(words: str, settings: dict[str, Any], **others: str) -> str:
         options = ' '.join(
             f'--{name.replace("_", "-")} {value}'
-            for name, value in settings.items()
-            if name not in ('losses', 'homes_settings', 'workers', 'homes')
-            or isinstance(value, int)
+            for name, value in (settings | others).items()
+            if not isinstance(value, dict)
         )
         return f'vgdp {words} {options}'
 
-    test = asdict(tested) | {'out': 'runs/homes-views-test'}
     return CARD.format(
         parameters=learned.parameters,
         classes=', '.join(CLASSES[:7]) + ',\n' + ', '.join(CLASSES[7:]),
@@ -298,10 +284,10 @@ def card(
         views=homes['views'],
         commands='\n'.join(
             [
-                command('data homes-views', homes | {'out': training['views']}),
+                command('data homes-views', homes, out=training['views']),
                 command('train segmentation', training),
-                command('data homes-views', test),
-                'vgdp eval segmentation --views runs/homes-views-test --out FILE',
+                command('data homes-views', asdict(tested), out=TEST_FOLDER),
+                f'vgdp eval segmentation --views {TEST_FOLDER}',
             ]
         ),
         losses=', '.join(f'{name} {value:.4g}' for name, value in training['losses'].items()),

@@ -24,9 +24,10 @@ from vgdp_experiments.preset_settings import require_positive
 if TYPE_CHECKING:
     import argparse
 
+    from numpy.typing import NDArray
+
     from avd_player.homes.plan import Home
     from avd_player.homes.render import Picture
-    from numpy.typing import NDArray
 
 TRAINING_SEED, VALIDATION_SEED, TEST_SEED = 770_001, 770_002, 770_003
 """Seeds of the homes of the shipped weights; those of `vgdp avd synth` are other ones."""

@@ -78,7 +78,7 @@ def _part(view: View, rng: np.random.Generator) -> View:
     rows, cols = view.depth.shape
     height, width = min(CROP[0], rows), min(CROP[1], cols)
     top, left = int(rng.integers(rows - height + 1)), int(rng.integers(cols - width + 1))
-    mirrored = rng.random() < 0.5  # noqa: PLR2004
+    mirrored = _chance(rng, 0.5)
     camera, mount = view.camera, view.mount
     cx = camera.cx - left
     return view._replace(
@@ -107,19 +107,19 @@ def _spoiled_depth(view: View, rng: np.random.Generator, scale: float) -> NDArra
     clean = depth_in_metres(view.depth)
     depth = clean * np.float32(scale)
     shape = depth.shape
-    if rng.random() < 0.5:  # noqa: PLR2004
+    if _chance(rng, 0.5):
         quadratic = np.float32(0.001 * QUADRATIC_MM * rng.random())
         depth += quadratic * depth**2 * rng.standard_normal(shape, np.float32) * (depth > 0)
-    if rng.random() < 0.4:  # noqa: PLR2004
+    if _chance(rng, 0.4):
         waves = _waves(rng, shape, int(rng.integers(3, 10)))
         depth += np.float32(WAVES_M * rng.random()) * waves * (depth > 0)
-    share, low, high = SIGMAS_MM[int(rng.choice(len(SIGMAS_MM), p=[s[0] for s in SIGMAS_MM]))]
-    del share
+    often, least, largest = zip(*SIGMAS_MM, strict=True)
+    which = int(rng.choice(len(often), p=often))
     noise = DepthNoise(
-        sigma=rng.uniform(low, high),
+        sigma=rng.uniform(least[which], largest[which]),
         step=float(rng.choice(STEPS_MM)),
-        edges=rng.uniform(0.0, 1.0) if rng.random() < 0.6 else 0.0,  # noqa: PLR2004
-        dark=rng.uniform(0.0, 1.0) if rng.random() < 0.5 else 0.0,  # noqa: PLR2004
+        edges=rng.uniform(0.0, 1.0) if _chance(rng, 0.6) else 0.0,
+        dark=rng.uniform(0.0, 1.0) if _chance(rng, 0.5) else 0.0,
     )
     depth = add_noise(np.maximum(depth, 0.0), noise, rng, view.color)
     depth[_holes(view, rng, clean)] = 0.0
@@ -129,19 +129,23 @@ def _spoiled_depth(view: View, rng: np.random.Generator, scale: float) -> NDArra
 def _holes(view: View, rng: np.random.Generator, clean: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Tell where nothing is measured, (H, W)."""
     holes = np.zeros(clean.shape, np.bool_)
-    if rng.random() < 0.5:  # noqa: PLR2004 - beyond the camera's reach
+    if _chance(rng, 0.5):  # beyond the camera's reach
         holes |= clean > rng.uniform(2.5, 8.0)
-    if rng.random() < 0.4:  # noqa: PLR2004 - too near
+    if _chance(rng, 0.4):  # too near
         holes |= clean < rng.uniform(0.3, 0.9)
-    if rng.random() < 0.4:  # noqa: PLR2004 - glass, and things like it
+    if _chance(rng, 0.4):  # glass, and things like it
         for kind in rng.integers(13, size=2):
-            holes |= (view.labels == kind) & (rng.random() < 0.5)  # noqa: PLR2004
-    if rng.random() < 0.35:  # noqa: PLR2004 - patches of any form
+            holes |= (view.labels == kind) & (_chance(rng, 0.5))
+    if _chance(rng, 0.35):  # patches of any form
         holes |= _waves(rng, clean.shape, int(rng.integers(2, 8))) > rng.uniform(0.8, 2.0)
-    for _ in range(int(rng.integers(3)) if rng.random() < 0.3 else 0):  # noqa: PLR2004
+    for _ in range(int(rng.integers(3)) if _chance(rng, 0.3) else 0):
         rows, cols = (np.sort(rng.integers(size + 1, size=2)) for size in clean.shape)
         holes[slice(*rows.tolist()), slice(*cols.tolist())] = True
     return holes
+
+
+def _chance(rng: np.random.Generator, share: float) -> bool:
+    return bool(rng.random() < share)
 
 
 def _waves(rng: np.random.Generator, shape: tuple[int, ...], cells: int) -> NDArray[np.float32]:
@@ -157,24 +161,23 @@ def _waves(rng: np.random.Generator, shape: tuple[int, ...], cells: int) -> NDAr
 
 def spoiled_color(color: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
     """Return a picture (H, W, 3) in other light and by another camera."""
-    if rng.random() < 0.08:  # noqa: PLR2004 - colour is of no use at all
+    if _chance(rng, 0.08):  # colour is of no use at all
         return np.full_like(color, rng.integers(256))
     image = color.astype(np.float32) * np.float32(1 / 255)
     image **= np.float32(np.exp(rng.normal(0.0, 0.3)))
-    if rng.random() < 0.25:  # noqa: PLR2004 - other colours for everything
+    if _chance(rng, 0.25):  # other colours for everything
         image = image[..., rng.permutation(3)]
     grey = image.mean(axis=2, keepdims=True)
-    image = grey + (image - grey) * np.float32(
-        0.0 if rng.random() < 0.1 else rng.uniform(0.3, 1.6)
-    )  # noqa: PLR2004
+    saturation = 0.0 if _chance(rng, 0.1) else rng.uniform(0.3, 1.6)
+    image = grey + (image - grey) * np.float32(saturation)
     image *= np.exp(rng.normal(0.0, 0.12, 3)).astype(np.float32)
     mean = image.mean(dtype=np.float32)
     image = mean + (image - mean) * np.float32(rng.uniform(0.5, 1.4))
     image *= np.float32(np.exp(rng.normal(0.0, 0.25)))
-    if rng.random() < 0.4:  # noqa: PLR2004 - light and shadow
+    if _chance(rng, 0.4):  # light and shadow
         image *= np.exp(0.25 * _waves(rng, image.shape[:2], int(rng.integers(2, 6))))[..., None]
-    if rng.random() < 0.3:  # noqa: PLR2004 - out of focus
+    if _chance(rng, 0.3):  # out of focus
         image = ndimage.uniform_filter(image, (3, 3, 1))
-    if rng.random() < 0.5:  # noqa: PLR2004
+    if _chance(rng, 0.5):
         image += np.float32(rng.uniform(0.0, 0.06)) * rng.standard_normal(image.shape, np.float32)
     return (np.clip(image, 0.0, 1.0) * np.float32(255)).astype(np.uint8)

@@ -130,7 +130,7 @@ def load_record(folder: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         msg = f'{path} can not be read as JSON: {error}.'
         raise ValueError(msg) from error
-    if not isinstance(record, dict) or not isinstance(record.get('config'), dict):
-        msg = f'{path} holds no configuration.'
-        raise ValueError(msg)
-    return record
+    if isinstance(record, dict) and isinstance(record.get('config'), dict):
+        return record
+    msg = f'{path} holds no configuration.'
+    raise ValueError(msg)

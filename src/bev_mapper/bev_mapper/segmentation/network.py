@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import torch
@@ -57,8 +58,7 @@ class PixelNetwork(nn.Module):
         self.squares = nn.PixelUnshuffle(CELL)
         self.enter = _layer(len(INPUTS) * CELL**2, widths[0])
         self.down = nn.ModuleList(
-            _layer(before, after, stride=2)
-            for before, after in zip(widths[:-1], widths[1:], strict=True)
+            _layer(before, after, stride=2) for before, after in pairwise(widths)
         )
         self.encoders = nn.ModuleList(
             nn.Sequential(*(Residual(width) for _ in range(count)))
@@ -66,10 +66,7 @@ class PixelNetwork(nn.Module):
         )
         # What is seen as a whole (how noisy it is, how high the room) is told to all pixels.
         self.whole = nn.Linear(widths[-1], widths[-1])
-        self.up = nn.ModuleList(
-            nn.Conv2d(below, above, 1)
-            for above, below in zip(widths[:-1], widths[1:], strict=True)
-        )
+        self.up = nn.ModuleList(nn.Conv2d(below, above, 1) for above, below in pairwise(widths))
         self.decoders = nn.ModuleList(Residual(width) for width in widths[:-1])
         self.leave = nn.Conv2d(widths[0], len(CLASSES) * CELL**2, 1)
         self.apart = nn.PixelShuffle(CELL)

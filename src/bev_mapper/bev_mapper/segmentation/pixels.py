@@ -43,9 +43,10 @@ def chosen(size: int, count: int) -> NDArray[np.int64]:
 
 
 def network_size(height: int, width: int, pixels: int) -> tuple[int, int]:
-    """Return rows and columns of about so many pixels, even numbers, not more than there are."""
+    """Return even numbers of rows and columns, of about so many pixels, no more than there are."""
     scale = min(1.0, math.sqrt(pixels / (height * width)))
-    return max(2 * round(height * scale / 2), 2), max(2 * round(width * scale / 2), 2)
+    rows, cols = (2 * max(int(size * scale / 2), 1) for size in (height, width))
+    return rows, cols
 
 
 def resized(camera: Camera, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> Camera:
@@ -142,19 +143,13 @@ def spread(
     if labels.shape == depth.shape:
         return labels
     rows, cols = (_around(size, count) for size, count in zip(depth.shape, few.shape, strict=True))
-    best: NDArray[np.uint8] | None = None
-    least = np.empty(0, dtype=np.float32)
-    for row in rows:
-        some, kinds = few[row], labels[row]
-        for col in cols:
-            off = np.abs(some[:, col] - depth)
-            if best is None:
-                least, best = off, kinds[:, col]
-                continue
-            closer = off < least
-            np.copyto(least, off, where=closer)
-            np.copyto(best, kinds[:, col], where=closer)
-    assert best is not None
+    best = labels[rows[0]][:, cols[0]]
+    least = np.abs(few[rows[0]][:, cols[0]] - depth)
+    for row, col in ((rows[0], cols[1]), (rows[1], cols[0]), (rows[1], cols[1])):
+        off = np.abs(few[row][:, col] - depth)
+        closer = off < least
+        np.copyto(least, off, where=closer)
+        np.copyto(best, labels[row][:, col], where=closer)
     return best
 
 

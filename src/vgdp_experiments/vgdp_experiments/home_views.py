@@ -11,7 +11,7 @@ import multiprocessing
 import zipfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -129,12 +129,11 @@ class Views:
         parts: list[dict[str, NDArray[np.float64]]] = []
         for number in range(1, self.settings.homes + 1):
             path = _file(folder, number)
-            try:
-                with np.load(path) as part:
-                    parts.append({name: part[name] for name in part.files})
-            except (OSError, ValueError, zipfile.BadZipFile) as error:
+            if not zipfile.is_zipfile(path):
                 msg = f'{path} is missing or damaged: run `vgdp data homes-views` again.'
-                raise ValueError(msg) from error
+                raise ValueError(msg)
+            with np.load(path) as part:
+                parts.append({name: part[name] for name in part.files})
         self.homes = np.repeat(np.arange(1, len(parts) + 1), self.settings.views)
         self.color: NDArray[np.uint8] = np.concatenate([part['color'] for part in parts])
         self.depth: NDArray[np.uint16] = np.concatenate([part['depth'] for part in parts])
@@ -223,10 +222,8 @@ def _write_home(job: tuple[HomeViews, int]) -> None:
     part.replace(path)
 
 
-def _views(
-    home: Home, settings: HomeViews, rng: np.random.Generator
-) -> dict[str, NDArray[np.generic]]:
-    """Return the views of a home, by the names in `Views`."""
+def _views(home: Home, settings: HomeViews, rng: np.random.Generator) -> dict[str, Any]:
+    """Return the arrays of a home's views by their names in `Views`, and `cameras` (N, 4)."""
     from avd_player.homes.render import HomeRenderer  # noqa: PLC0415
 
     renderer: HomeRenderer | None = None

@@ -59,8 +59,9 @@ class LearnedSegmenter:
     def labels(self, frame: RgbdFrame, points: NDArray[np.float64]) -> NDArray[np.uint8]:
         """See `Segmenter`."""
         depth = np.asarray(frame.depth, dtype=np.float32)
-        height, width = network_size(*depth.shape, self._network.config.pixels)
-        rows, cols = chosen(depth.shape[0], height), chosen(depth.shape[1], width)
+        height, width = depth.shape
+        count = network_size(height, width, self._network.config.pixels)
+        rows, cols = chosen(height, count[0]), chosen(width, count[1])
         some = np.ix_(rows, cols)
         seen = network_inputs(
             frame.color[some],

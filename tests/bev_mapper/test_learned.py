@@ -185,21 +185,21 @@ def test_a_room_unlike_all_that_it_was_trained_on(shipped: LearnedSegmenter) -> 
 
 def test_the_shipped_weights_are_small_and_say_where_they_come_from() -> None:
     """The files have their size, their record and their card."""
-    assert (SHIPPED / MODEL_FILE).stat().st_size < 20e6
+    assert (SHIPPED / MODEL_FILE).stat().st_size < 3e6
     record = json.loads((SHIPPED / CONFIG_FILE).read_text())
     assert record['training']['homes']['seed'] > 100_000
     assert '| wall |' in (SHIPPED / 'README.md').read_text()
 
 
 def test_weights_come_back_as_they_were_saved(tmp_path: Path) -> None:
-    """A saved network says what it said before."""
+    """A saved network is what it was before, in half precision."""
     torch.manual_seed(1)
     network = PixelNetwork(SMALL)
     save_network(tmp_path / 'a', SMALL, network.state_dict(), {'seed': 1})
     loaded = load_network(tmp_path / 'a')
     assert loaded.config == SMALL
     for name, tensor in network.state_dict().items():
-        assert torch.equal(loaded.state_dict()[name], tensor)
+        torch.testing.assert_close(loaded.state_dict()[name], tensor, rtol=1e-3, atol=1e-6)
 
 
 def damage_missing(folder: Path) -> None:

@@ -57,6 +57,10 @@ GROUPS: dict[str, tuple[str, dict[str, tuple[str, str]]]] = {
                 'vgdp_experiments.evaluate_segmentation',
                 'the segmentation of RGB-D frames, on homes that it has not seen',
             ),
+            'mapping': (
+                'vgdp_experiments.evaluate_mapping',
+                'maps that RGB-D frames make of synthetic homes, against the true plans',
+            ),
             'merge': ('vgdp_experiments.merge', 'join the parts of one of these into a page'),
         },
     ),

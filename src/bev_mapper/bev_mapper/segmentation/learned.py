@@ -82,7 +82,7 @@ def save_network(
     tensors: dict[str, Tensor],
     training: dict[str, Any],
 ) -> None:
-    """Write weights and configuration into a folder, creating it.
+    """Write weights, in half precision, and configuration into a folder, creating it.
 
     Args:
         folder: Where to.
@@ -91,7 +91,11 @@ def save_network(
         training: How they came about, for the record.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    save_file({name: tensor.contiguous() for name, tensor in tensors.items()}, folder / MODEL_FILE)
+    halves = {
+        name: (tensor.half() if tensor.is_floating_point() else tensor).contiguous()
+        for name, tensor in tensors.items()
+    }
+    save_file(halves, folder / MODEL_FILE)
     record = {'config': asdict(network_config), 'training': training}
     (folder / CONFIG_FILE).write_text(json.dumps(record, indent=2) + '\n', encoding='utf-8')
 

@@ -1709,10 +1709,9 @@ def radiator(style: Style, width: float) -> Item:
     return Item(join(parts), width, 0.1, height + 0.1)
 
 
-def curtain(style: Style, width: float, low: float, high: float) -> Mesh:
+def curtain(material: int, width: float, low: float, high: float) -> Mesh:
     """Make a curtain that hangs in folds, from low to high."""
     folds = max(3, int(width / 0.09))
-    material = style.cloth()
     return join(
         cylinder(
             (index + 0.5) / folds * width - width / 2,

@@ -24,8 +24,11 @@ if TYPE_CHECKING:
 POSITIONS = 200
 """A home has at most so many positions unless told otherwise."""
 
-FEWEST_POSITIONS = 40
-"""A home with fewer of them is drawn anew."""
+LEAST_POSITIONS = 120
+"""Smaller homes can't be furnished."""
+
+FEWEST_POSITIONS = 50
+"""A home with fewer positions is drawn anew."""
 
 ATTEMPTS = 100
 """A home is drawn anew so often at most."""
@@ -33,36 +36,33 @@ ATTEMPTS = 100
 PATIENCE = 20
 """After so many attempts a home gets a room less."""
 
-AREA_OF_POSITION = 0.26
-"""A home has about one position for so many square metres."""
+AREAS = (0.17, 0.26)
+"""Square metres of a home for each of the positions that it may have, from and to."""
+
+LARGEST = 110.0
+"""Square metres of the largest homes."""
 
 ROOM_SHARES = (0.2, 0.35, 0.3, 0.15)
 """So many of the homes have 3, 4, 5 and 6 rooms."""
 
 
-def draw_home(
-    seed: int | Sequence[int],
-    *,
-    positions: int = POSITIONS,
-    area: tuple[float, float] = (34.0, 110.0),
-) -> Home:
+def draw_home(seed: int | Sequence[int], *, positions: int = POSITIONS) -> Home:
     """Draw a home.
 
     Args:
         seed: All follows from it.
-        positions: At most so many positions; homes with more are drawn anew, smaller.
-        area: Smallest and largest size in square metres.
+        positions: At most so many positions, which is what the size of the home follows from.
 
     Raises:
-        ValueError: If the size is none or no such home turned up, or open3d is missing.
+        ValueError: If it has too few positions for a home or none was found, or open3d is missing.
     """
-    low, high = area
-    if not 20.0 <= low <= high:  # noqa: PLR2004
-        msg = f'A home has 20 square metres or more, the least first, not {low:g} to {high:g}.'
+    if positions < LEAST_POSITIONS:
+        msg = f'A home has room for {LEAST_POSITIONS} positions or more, not for {positions}.'
         raise ValueError(msg)
     seeds = [seed] if isinstance(seed, int) else list(seed)
     rng = np.random.default_rng(seeds)
-    size = float(rng.uniform(low, min(high, max(low, positions * AREA_OF_POSITION))))
+    low, high = (min(area * positions, LARGEST) for area in AREAS)
+    size = float(rng.uniform(low, high))
     rooms = int(rng.choice(list(KINDS), p=ROOM_SHARES))
     for attempt in range(ATTEMPTS):
         try:
@@ -74,7 +74,7 @@ def draw_home(
         if len(home.positions) <= positions:
             return home
         size = max(low, size * max(0.7, positions / len(home.positions)))
-    msg = f'No home of {low:g} m² or more with at most {positions} positions was found.'
+    msg = f'No home with at most {positions} positions was found for the seed {seed}.'
     raise ValueError(msg)
 
 

@@ -140,7 +140,7 @@ def _window(site: Site, opening: Opening, width: float, frame: int, sky: int) ->
     if style.chance(0.55):
         below = 0.04 if style.chance(0.6) and low < 0.3 else max(0.1, low - 0.15)
         above = min(high + 0.15, site.layout.height - 0.03)
-        wide = style.between(0.2, 0.35)
+        wide, cloth = style.between(0.2, 0.35), style.cloth()
         rail = [
             box(
                 (-half - wide, 0.06, above),
@@ -154,7 +154,7 @@ def _window(site: Site, opening: Opening, width: float, frame: int, sky: int) ->
             if start + 0.15 < middle - wide / 2 and middle + wide / 2 < end - 0.15:
                 cx, cy, _ = site.at_wall(opening.room, opening.side, middle)
                 site.parts.append(
-                    furniture.curtain(style, wide, below, above).moved(cx, cy, 0, yaw)
+                    furniture.curtain(cloth, wide, below, above).moved(cx, cy, 0, yaw)
                 )
         if start < along - half - wide and along + half + wide < end:
             site.parts.append(join(rail).moved(x, y, 0, yaw))

@@ -178,7 +178,8 @@ def _write_structs(
             target('left', index),
         )
     buffer = io.BytesIO()
-    savemat(buffer, {'image_structs': structs, 'scale': scan.scale}, do_compression=True)
+    scale = np.int32(scan.scale)  # some readers ask for a whole number
+    savemat(buffer, {'image_structs': structs, 'scale': scale}, do_compression=True)
     content = bytearray(buffer.getvalue())
     # The text at the beginning has the time of day in it.
     content[:116] = _HEADER.ljust(116)

@@ -21,6 +21,21 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> TinyScene:
     return write_scene(tmp_path_factory.mktemp('tiny') / 'Home_001_1', labels=True)
 
 
+@pytest.fixture(scope='session')
+def small(tmp_path_factory: pytest.TempPathFactory) -> TinyScene:
+    """Return a scene of two positions; not to be changed."""
+    folder = tmp_path_factory.mktemp('small') / 'Home_001_1'
+    return write_scene(folder, cells=[(0, 0), (1, 0)], labels=True)
+
+
+@pytest.fixture
+def damaged_small(small: TinyScene, tmp_path: Path) -> Path:
+    """Return a copy of the scene of two positions, to be damaged."""
+    folder = tmp_path / 'Home_001_1'
+    shutil.copytree(small.folder, folder)
+    return folder
+
+
 @pytest.fixture
 def damaged(tiny: TinyScene, tmp_path: Path) -> Callable[[], Path]:
     """Return a function that copies the scene, to be damaged."""

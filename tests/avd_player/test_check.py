@@ -140,7 +140,7 @@ DAMAGES: dict[str, tuple[Callable[[Path], object], list[str]]] = {
         ['Images without depth: 0001', 'image_structs.mat does not know: 000110009990101.jpg.'],
     ),
     'cut JSON': (
-        lambda f: (f / ANNOTATIONS).write_text((f / ANNOTATIONS).read_text()[:9_000]),
+        lambda f: (f / ANNOTATIONS).write_text((f / ANNOTATIONS).read_text()[:3_000]),
         ['annotations.json is cut or broken (', 'Images without an entry in annotations.json: '],
     ),
     'another JSON': (
@@ -176,7 +176,7 @@ DAMAGES: dict[str, tuple[Callable[[Path], object], list[str]]] = {
         ['has 1 entries without the name of an image.', 'does not know: ', 'lead to no image: '],
     ),
     'cut mat': (
-        lambda f: (f / STRUCTS).write_bytes((f / STRUCTS).read_bytes()[:30_000]),
+        lambda f: (f / STRUCTS).write_bytes((f / STRUCTS).read_bytes()[:20_000]),
         ['image_structs.mat is cut or broken, so no image has a pose ('],
     ),
     'another mat': (
@@ -214,11 +214,11 @@ DAMAGES: dict[str, tuple[Callable[[Path], object], list[str]]] = {
 
 @pytest.mark.parametrize('name', DAMAGES)
 def test_damage_is_named(
-    name: str, damaged: Callable[[], Path], capsys: pytest.CaptureFixture[str]
+    name: str, damaged_small: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """One sentence for each damage, status 1, and the rest can be used still."""
     damage, expected = DAMAGES[name]
-    folder = damaged()
+    folder = damaged_small
     damage(folder)
     assert run(str(folder)) == 1
     out = capsys.readouterr().out
@@ -239,7 +239,7 @@ def test_what_comes_before_a_cut_is_used(damaged: Callable[[], Path]) -> None:
     folder = damaged()
     path = folder / ANNOTATIONS
     whole = AvdSource(folder).files.annotations
-    path.write_text(path.read_text(encoding='utf-8')[:9_000], encoding='utf-8')
+    path.write_text(path.read_text(encoding='utf-8')[:3_000], encoding='utf-8')
     source = AvdSource(folder)
     part = source.files.annotations
     assert 10 < len(part) < len(whole)
@@ -252,13 +252,13 @@ def test_what_comes_before_a_cut_is_used(damaged: Callable[[], Path]) -> None:
 
 
 def test_many_broken_images_are_summed_up(
-    damaged: Callable[[], Path], capsys: pytest.CaptureFixture[str]
+    damaged_small: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The first ones are named, the others counted."""
-    folder = damaged()
-    for path in sorted((folder / COLOR_FOLDER).iterdir())[:30]:
+    folder = damaged_small
+    for path in sorted((folder / COLOR_FOLDER).iterdir())[:22]:
         path.write_bytes(b'')
     assert run(str(folder)) == 1
     lines = capsys.readouterr().out.splitlines()
     assert sum('is cut or broken' in line for line in lines) == check.SHOWN
-    assert '  BROKEN: 10 more images can not be used.' in lines
+    assert '  BROKEN: 2 more images can not be used.' in lines

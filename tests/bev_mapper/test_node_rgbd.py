@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import array
 import math
+import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -46,21 +47,24 @@ PARAMETERS = {
     'origin_y': -2.25,
     'growth': 15,
     'wait': 0.3,
+    'reliable_images': True,
 }
 CONFIG = MapperConfig(GridGeometry(45, 45, 0.1, -2.25, -2.25), growth=15)
+
+
+IMAGES = QoSProfile(depth=100)
 
 
 class Robot:
     """Sends frames to a mapper and records its maps."""
 
-    def __init__(self, probe: Probe) -> None:
+    def __init__(self, probe: Probe, images: QoSProfile = IMAGES) -> None:
         """Connect to the mapper."""
-        reliable = QoSProfile(depth=100)
         self.maps = probe.record(OccupancyGrid, 'map', MAP_QOS)
         self.probability = probe.record(OccupancyGrid, 'bev_mapper/probability', MAP_QOS)
-        self.color = probe.publisher(Image, 'camera/color/image_raw', reliable)
-        self.depth = probe.publisher(Image, 'camera/depth/image_raw', reliable)
-        self.info = probe.publisher(CameraInfo, 'camera/camera_info', reliable)
+        self.color = probe.publisher(Image, 'camera/color/image_raw', images)
+        self.depth = probe.publisher(Image, 'camera/depth/image_raw', images)
+        self.info = probe.publisher(CameraInfo, 'camera/camera_info', images)
         self.odom = probe.publisher(Odometry, 'odom', RELIABLE_QOS)
         self.episode = probe.publisher(DiagnosticStatus, 'episode', EPISODE_QOS)
 
@@ -155,7 +159,7 @@ def test_a_robot_that_looks_around_gets_one_map_for_all_views(
     node_process: StartNode, probe: Probe
 ) -> None:
     """All twelve at once; where one got lost, the map comes a little later without it."""
-    node_process(MAPPER, {**PARAMETERS, 'views_per_step': 12, 'reliable_images': True})
+    node_process(MAPPER, {**PARAMETERS, 'views_per_step': 12})
     robot = Robot(probe)
     frames = views(12)
     for frame in frames:
@@ -166,6 +170,21 @@ def test_a_robot_that_looks_around_gets_one_map_for_all_views(
     robot.wait_map(STAMP + 110)
     stamps = [to_nanoseconds(m.header.stamp) - STAMP for m in robot.maps]
     assert stamps == [11, 110]
+
+
+def test_cameras_with_the_qos_of_sensors_are_heard(node_process: StartNode, probe: Probe) -> None:
+    """By default; what gets lost on the way is not missed."""
+    node_process(MAPPER, {**PARAMETERS, 'reliable_images': False})
+    robot = Robot(probe, SENSOR_QOS)
+    stamps = iter(range(STAMP, STAMP + 1000))
+    frame = render(CAMERA, walk(0, 10))
+
+    def heard() -> bool:
+        robot.send(frame, next(stamps))
+        time.sleep(0.2)
+        return bool(robot.maps)
+
+    wait_for(heard)
 
 
 def test_a_new_episode_begins_from_nothing(node_process: StartNode, probe: Probe) -> None:

@@ -78,7 +78,6 @@ class RgbdInput:
         self._fusion = RgbdFusion(mapper, sync_config(p), mount)
         self._unpublished = 0
         self._fused_at = 0
-        self._shown = -1
         self._map = node.advertise(OccupancyGrid, 'map', MAP_QOS)
         self._probability = node.advertise(OccupancyGrid, '~/probability', MAP_QOS)
         self._points = node.advertise(PointCloud2, 'points', SENSOR_QOS)
@@ -224,17 +223,16 @@ class RgbdInput:
             self._publish()
 
     def _show(self) -> None:
-        """Publish the cloud if it changed and somebody looks."""
+        """Publish the cloud if there is one and somebody looks, also those who came late."""
         mapper = self._fusion.mapper
-        if mapper.frames == self._shown or not self._points.get_subscription_count():
+        if not len(mapper.cloud) or not self._points.get_subscription_count():
             return
-        self._shown = mapper.frames
         cloud = mapper.cloud.points()
         self._points.publish(
             to_point_cloud(
                 cloud,
                 self._parameters.max_published,
-                stamp=max(mapper.stamp, 0),
+                stamp=mapper.stamp,
                 frame_id=self._parameters.map_frame,
             )
         )

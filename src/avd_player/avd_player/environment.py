@@ -80,7 +80,7 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
     - `target='coca_cola_glass_bottle'`: name of the instance to look for.
     - `views='all'`: what is seen at a position, or `'heading'` for the image that looks where the
       robot last moved.
-    - `width=240`: of the images in pixels; 0 for that on disk.
+    - `width=240`: of the images in pixels, at most that on disk; 0 for that.
     - `reach=1.0`, `max_difficulty=4`, `max_range=6.0`: as above, metres.
     - `max_steps=500`: actions after which an episode is cut short.
     - `min_expert_steps=10`: moves from the start to where Done succeeds, at least.

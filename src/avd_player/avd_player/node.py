@@ -109,7 +109,7 @@ class AvdPlayerParameters:
     )
     width: int = parameter(
         640,
-        'Width of the published images; 0 for that on disk',
+        'Width of the published images, at most that on disk; 0 for that',
         unit='pixels',
         low=0,
         high=8192,

@@ -44,7 +44,7 @@ def open_source(path: str | Path, width: int = 0) -> AvdSource | PosedSequence:
 
     Args:
         path: Its folder.
-        width: Of the frames in pixels; 0 for that of the images.
+        width: Of the frames in pixels, at most that of the images; 0 for that.
 
     Raises:
         FrameError: If it is none, with one sentence that says what was expected.

@@ -71,7 +71,7 @@ class AvdSource:
 
         Args:
             folder: Of the scene.
-            width: Of the frames in pixels; 0 for that of the images.
+            width: Of the frames in pixels, at most that of the images; 0 for that.
 
         Raises:
             FrameError: If this is no scene, or none of its images has a place.

@@ -90,8 +90,8 @@ def _require_size(path: Path, size: tuple[int, int], expected: tuple[int, int]) 
 
 
 def scaled_camera(camera: Camera, width: int) -> Camera:
-    """Return the camera of pictures of a width, with square pixels; 0 leaves it as it is."""
-    if width in (0, camera.width):
+    """Return the camera of pictures of a width, no larger than they are; 0 is that, too."""
+    if width == 0 or width >= camera.width:
         return camera
     return camera.resized(width, max(1, round(camera.height * width / camera.width)))
 

@@ -94,7 +94,7 @@ class PosedSequence:
             written: How it is written.
             up_from_world: What takes points of its world into a frame with z up and z = 0 on the
                 floor, (4, 4); if None, the floor is fitted to the depth images.
-            width: Of the frames in pixels; 0 for that of the images.
+            width: Of the frames in pixels, at most that of the images; 0 for that.
 
         Raises:
             FrameError: If it has no frames.

@@ -51,7 +51,7 @@ def open_tum(folder: Path, width: int = 0) -> PosedSequence:
 
     Args:
         folder: Where its lists lie.
-        width: Of the frames in pixels; 0 for that of the images.
+        width: Of the frames in pixels, at most that of the images; 0 for that.
 
     Raises:
         FrameError: If it can't be used.

@@ -78,7 +78,7 @@ class Style:
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
-        self.materials = Materials(rng)
+        self.materials = Materials(int(rng.integers(2**31)))
         add = self.materials.add
         self._woods = [
             add(

@@ -48,6 +48,9 @@ if TYPE_CHECKING:
 RESOLUTION_M = 0.1
 """Side of a cell unless another one is asked for."""
 
+POSES = 200
+"""So many poses wait while a frame is mapped: those of a robot come fifty or more a second."""
+
 CHECK_PERIOD_S = 0.25
 """How often what waits too long is looked for."""
 
@@ -85,16 +88,17 @@ class RgbdInput:
         node.subscribe(
             DiagnosticStatus, 'episode', self._on_episode, EPISODE_QOS, single_source=False
         )
+        # All views of a robot that looks around come at once and wait here for their turns.
+        quality = RELIABLE_QOS if p.reliable_images else SENSOR_QOS
+        images = QoSProfile(depth=p.queue_size, reliability=quality.reliability)
+        poses = QoSProfile(depth=POSES, reliability=RELIABLE_QOS.reliability)
         node.subscribe(
             Odometry,
             'odom',
             self._on_odom,
-            RELIABLE_QOS,
+            poses,
             validate=partial(validate_odometry, frames=(p.odom_frame, p.map_frame)),
         )
-        # All views of a robot that looks around come at once and wait here for their turns.
-        quality = RELIABLE_QOS if p.reliable_images else SENSOR_QOS
-        images = QoSProfile(depth=p.queue_size, reliability=quality.reliability)
         node.subscribe(
             CameraInfo,
             'camera/camera_info',

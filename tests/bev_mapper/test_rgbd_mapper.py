@@ -223,4 +223,4 @@ def test_a_frame_that_can_not_be_used_is_named(frames: list[RgbdFrame]) -> None:
     assert add(fusion, frames[0], 2) == 1
     fusion.add_depth(3, frames[0].depth, 0)
     fusion.expire(10_000_000_000)
-    assert 'waited 1 s for its colour image' in fusion.refused[1]
+    assert 'waited 5 s for its colour image' in fusion.refused[1]

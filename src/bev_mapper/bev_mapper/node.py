@@ -173,7 +173,7 @@ class MapperParameters:
         read_only=True,
     )
     wait: float = parameter(
-        1.0,
+        5.0,
         'RGB-D: a depth image waits so long for the rest, then it is left out',
         unit='s',
         low=0.0,

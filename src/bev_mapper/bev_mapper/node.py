@@ -1,4 +1,4 @@
-"""The node ``bev_mapper``: fuses ``local_map`` and ``odom`` into ``map``."""
+"""The node ``bev_mapper``: fuses local views or RGB-D images with ``odom`` into ``map``."""
 
 from __future__ import annotations
 
@@ -6,14 +6,20 @@ import sys
 import time
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import OccupancyGrid, Odometry
+from std_srvs.srv import Trigger
 
 from bev_mapper.grid_fusion import DEFAULT_GROWTH, DEFAULT_MAX_CELLS, GridFusion
 from bev_mapper.local_map_fusion import LocalMapFusion, Window
+from bev_mapper.map_files import save_map
+from bev_mapper.rgbd_mapper import Mode
+from bev_mapper.rgbd_node import RgbdInput
+from bev_mapper.segmentation import SEGMENTERS
 from gridnav.grid import GridGeometry
 from gridnav.partial_map import UNKNOWN_VALUE
 from gridnav.pose import Pose2D
@@ -32,7 +38,6 @@ from gridnav.ros.validation import (
     MAX_CELLS,
     MAX_COORDINATE_M,
     MAX_RESOLUTION_M,
-    MIN_RESOLUTION_M,
     InvalidMessage,
     validate_occupancy_grid,
     validate_odometry,
@@ -42,10 +47,20 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 
+RESOLUTION_M = 1.0
+"""Side of a cell with local maps, unless another one is asked for."""
+
+
 @dataclass
 class MapperParameters:
     """Parameters of the node."""
 
+    input: str = parameter(
+        'local_map',
+        "What the map is made of: the topic 'local_map', or RGB-D images under 'camera'",
+        choices=('local_map', 'rgbd'),
+        read_only=True,
+    )
     width: int = parameter(
         15, 'Columns of the map at first', unit='cells', low=1, high=4096, read_only=True
     )
@@ -69,18 +84,20 @@ class MapperParameters:
         read_only=True,
     )
     resolution: float = parameter(
-        1.0,
-        'Side of a cell; a local map of another resolution is refused',
+        0.0,
+        'Side of a cell, 0 for 1 m with local maps and 0.1 m with RGB-D images; a local map of '
+        'another resolution is refused',
         unit='m',
-        low=MIN_RESOLUTION_M,
+        low=0.0,
         high=MAX_RESOLUTION_M,
         read_only=True,
     )
     growth: int = parameter(
         DEFAULT_GROWTH,
-        'How much a side of the map grows at least when something is seen beyond it',
+        'How much a side of the map grows at least when something is seen beyond it; 0 keeps a '
+        'map of RGB-D images as it is',
         unit='cells',
-        low=1,
+        low=0,
         high=1024,
     )
     max_cells: int = parameter(
@@ -99,46 +116,263 @@ class MapperParameters:
         'Frame of the robot; a local map in it is placed by the pose in odom',
         read_only=True,
     )
+    segmenter: str = parameter(
+        'geometric',
+        'RGB-D: what tells floor from obstacles',
+        choices=SEGMENTERS,
+        read_only=True,
+    )
+    weights: str = parameter('', 'RGB-D: file of the weights of the segmenter', read_only=True)
+    mode: str = parameter(
+        'evidence',
+        'RGB-D: evidence adds up what frames say about a cell, majority counts the points of the '
+        'cloud as in the paper',
+        choices=get_args(Mode),
+        read_only=True,
+    )
+    camera_mount_source: str = parameter(
+        'parameters',
+        "RGB-D: where the camera is on the robot: as camera_x to camera_yaw say, or from 'tf'",
+        choices=('parameters', 'tf'),
+        read_only=True,
+    )
+    camera_x: float = parameter(
+        0.0, 'The camera is so far ahead of the base', unit='m', read_only=True
+    )
+    camera_y: float = parameter(
+        0.0, 'The camera is so far to the left of the base', unit='m', read_only=True
+    )
+    camera_z: float = parameter(
+        0.0, 'The camera is so far above the base', unit='m', read_only=True
+    )
+    camera_roll: float = parameter(
+        0.0, 'The camera is turned so much about its axis', unit='rad', read_only=True
+    )
+    camera_pitch: float = parameter(
+        0.0, 'The camera looks down so much', unit='rad', read_only=True
+    )
+    camera_yaw: float = parameter(
+        0.0, 'The camera looks to the left so much', unit='rad', read_only=True
+    )
+    image_slop: float = parameter(
+        0.0,
+        'RGB-D: colour image and camera_info may be so far from the depth image; 0 takes equal '
+        'stamps alone',
+        unit='s',
+        low=0.0,
+        high=1.0,
+        read_only=True,
+    )
+    pose_slop: float = parameter(
+        0.1,
+        'RGB-D: where no pose has the stamp of the depth image, it is taken between two that are '
+        'no further away than this',
+        unit='s',
+        low=0.0,
+        high=10.0,
+        read_only=True,
+    )
+    wait: float = parameter(
+        1.0,
+        'RGB-D: a depth image waits so long for the rest, then it is left out',
+        unit='s',
+        low=0.0,
+        high=60.0,
+        read_only=True,
+    )
+    queue_size: int = parameter(
+        32, 'RGB-D: how many images wait at most', low=1, high=1000, read_only=True
+    )
+    reliable_images: bool = parameter(
+        default=False,
+        description='RGB-D: have images sent again that got lost; the camera must offer that, as '
+        'avd_player does',
+        read_only=True,
+    )
+    views_per_step: int = parameter(
+        1,
+        'RGB-D: a map is published after so many frames, such as all views of a robot that looks '
+        'around, or when no more came for as long as wait says',
+        low=1,
+        high=1000,
+    )
+    min_height: float = parameter(
+        0.08,
+        'RGB-D: what is lower is no obstacle',
+        unit='m',
+        low=0.0,
+        high=1.0,
+        read_only=True,
+    )
+    max_height: float = parameter(
+        1.5,
+        'RGB-D: what is higher is above the robot',
+        unit='m',
+        low=0.1,
+        high=10.0,
+        read_only=True,
+    )
+    max_range: float = parameter(
+        5.0,
+        'RGB-D: depth beyond this is not mapped',
+        unit='m',
+        low=0.1,
+        high=100.0,
+        read_only=True,
+    )
+    footprint: float = parameter(
+        0.2,
+        'RGB-D: radius around the robot that is free',
+        unit='m',
+        low=0.0,
+        high=10.0,
+        read_only=True,
+    )
+    free_below: float = parameter(
+        0.3,
+        'RGB-D: where the floor was not seen, a cell is free if the camera looked through it '
+        'lower than this',
+        unit='m',
+        low=0.0,
+        high=10.0,
+        read_only=True,
+    )
+    fit_floor: bool = parameter(
+        True,  # noqa: FBT003
+        'RGB-D: look for the floor a few degrees and centimetres from where it is said to be',
+        read_only=True,
+    )
+    max_pixels: int = parameter(
+        130_000,
+        'RGB-D: the segmenter gets no more pixels of an image than this, of larger ones every k-th',
+        low=1000,
+        high=1_000_000,
+        read_only=True,
+    )
+    max_points: int = parameter(
+        40_000,
+        'RGB-D: no more pixels of an image than this become points',
+        low=1000,
+        high=1_000_000,
+        read_only=True,
+    )
+    voxel: float = parameter(
+        0.04,
+        "RGB-D: side of the cloud's voxels",
+        unit='m',
+        low=0.01,
+        high=1.0,
+        read_only=True,
+    )
+    max_voxels: int = parameter(
+        1_000_000,
+        'RGB-D: the most voxels of the cloud; then those not seen for longest make room',
+        low=1000,
+        high=20_000_000,
+        read_only=True,
+    )
+    relabel_every: int = parameter(
+        0,
+        'RGB-D: dgcnn and swin3d label the cloud after so many frames, 0 for ~/save alone; '
+        'what is new has the labels of the geometric segmenter',
+        low=0,
+        high=100_000,
+        read_only=True,
+    )
+    points_period: float = parameter(
+        1.0,
+        'RGB-D: points are published so often, while somebody listens',
+        unit='s',
+        low=0.05,
+        high=3600.0,
+        read_only=True,
+    )
+    max_published: int = parameter(
+        100_000,
+        'RGB-D: of a larger cloud only every k-th point is published',
+        low=1,
+        high=10_000_000,
+    )
+    save_folder: str = parameter(
+        'saved_map', 'Folder into which ~/save writes; it is made if there is none'
+    )
 
 
 class BevMapperNode(BaseNode[MapperParameters]):
-    """Publishes the map that all local views make together."""
+    """Publishes the map that all views make together."""
 
     def __init__(self) -> None:
         """Start the node.
 
         Raises:
             ParameterError: If a parameter can't be used.
-            ValueError: If the first map is larger than ``max_cells``.
+            ValueError: If parameters do not fit together.
         """
         super().__init__('bev_mapper', MapperParameters)
-        p = self.parameters
-        geometry = GridGeometry(p.height, p.width, p.resolution, p.origin_x, p.origin_y)
+        make = RgbdInput if self.parameters.input == 'rgbd' else LocalMapInput
+        self._input = make(self)
+        self.provide_reset(self._input.reset)
+        self.create_service(Trigger, '~/save', self._save)
+
+    def _save(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        folder = Path(self.parameters.save_folder).absolute()
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            response.message = self._input.save(folder)
+            response.success = True
+        except OSError as error:
+            response.message = f'{folder} can not be written to: {error.strerror}.'
+            response.success = False
+        return response
+
+
+class LocalMapInput:
+    """Fuses local views and poses, and publishes what comes of it."""
+
+    def __init__(self, node: BevMapperNode) -> None:
+        """Subscribe and advertise.
+
+        Raises:
+            ValueError: If the first map is larger than ``max_cells``.
+        """
+        self._node = node
+        self._parameters = p = node.parameters
+        resolution = p.resolution or RESOLUTION_M
+        geometry = GridGeometry(p.height, p.width, resolution, p.origin_x, p.origin_y)
         self._fusion = LocalMapFusion(GridFusion(geometry, p.growth, p.max_cells))
-        self._map = self.advertise(OccupancyGrid, 'map', MAP_QOS)
+        self._map = node.advertise(OccupancyGrid, 'map', MAP_QOS)
         # First, so that a new world is known before its first observation when both are waiting.
-        self.subscribe(
+        node.subscribe(
             DiagnosticStatus, 'episode', self._on_episode, EPISODE_QOS, single_source=False
         )
-        self.subscribe(
+        node.subscribe(
             Odometry,
             'odom',
             self._on_odom,
             RELIABLE_QOS,
             validate=partial(validate_odometry, frames=(p.odom_frame, p.map_frame)),
         )
-        self.subscribe(
+        node.subscribe(
             OccupancyGrid,
             'local_map',
             self._on_local_map,
             RELIABLE_QOS,
             validate=partial(validate_occupancy_grid, frames=(p.map_frame, p.base_frame)),
         )
-        self.provide_reset(self._reset)
-        self.diagnostics.report(DiagnosticStatus.OK, 'waiting for local_map and odom')
-        self.get_logger().info(
-            f'Mapping from {p.height} x {p.width} cells of {p.resolution} m in {p.map_frame!r}.'
+        node.diagnostics.report(DiagnosticStatus.OK, 'waiting for local_map and odom')
+        node.get_logger().info(
+            f'Mapping from {p.height} x {p.width} cells of {resolution} m in {p.map_frame!r}.'
         )
+
+    def reset(self) -> str:
+        """Forget all views."""
+        self._fusion.clear()
+        return 'The map is empty.'
+
+    def save(self, folder: Path) -> str:
+        """Write the map into a folder."""
+        save_map(folder, self._fusion.grid.occupancy, self._fusion.grid.geometry)
+        return f'Wrote map.pgm and map.yaml into {folder}.'
 
     def _on_odom(self, message: Odometry) -> None:
         pose = message.pose.pose
@@ -148,7 +382,7 @@ class BevMapperNode(BaseNode[MapperParameters]):
 
     def _on_local_map(self, message: OccupancyGrid) -> None:
         occupancy, geometry = from_occupancy_grid(message)
-        on_robot = message.header.frame_id == self.parameters.base_frame
+        on_robot = message.header.frame_id == self._parameters.base_frame
         stamp = to_nanoseconds(message.header.stamp)
         self._take_in(
             partial(self._fusion.add_window, stamp, Window(occupancy, geometry, on_robot))
@@ -159,21 +393,18 @@ class BevMapperNode(BaseNode[MapperParameters]):
         if status.begins:
             self._take_in(partial(self._fusion.begin_episode, status.start))
 
-    def _reset(self) -> str:
-        self._fusion.clear()
-        return 'The map is empty.'
-
     def _take_in(self, add: Callable[[], bool]) -> None:
         """Add something to the fusion and publish the map if there is a new one."""
         began = time.perf_counter()
-        grid = self._fusion.grid
-        grid.growth, grid.max_cells = self.parameters.growth, self.parameters.max_cells
+        grid, diagnostics = self._fusion.grid, self._node.diagnostics
+        # The node's parameters can change at run time.
+        grid.growth, grid.max_cells = max(self._parameters.growth, 1), self._parameters.max_cells
         try:
             has_map = add()
         except ValueError as error:
             raise InvalidMessage(str(error)) from error
         for key, count in self._fusion.counts.items():
-            self.diagnostics.value(key, count)
+            diagnostics.value(key, count)
         if not has_map:
             return
         self._map.publish(
@@ -181,15 +412,13 @@ class BevMapperNode(BaseNode[MapperParameters]):
                 grid.occupancy,
                 grid.geometry,
                 stamp=self._fusion.stamp,
-                frame_id=self.parameters.map_frame,
+                frame_id=self._parameters.map_frame,
             )
         )
-        self.diagnostics.latency(time.perf_counter() - began, 'map')
-        self.diagnostics.value('map: cells', grid.occupancy.size)
-        self.diagnostics.value(
-            'map: seen cells', np.count_nonzero(grid.occupancy != UNKNOWN_VALUE)
-        )
-        self.diagnostics.report(DiagnosticStatus.OK, 'mapping')
+        diagnostics.latency(time.perf_counter() - began, 'map')
+        diagnostics.value('map: cells', grid.occupancy.size)
+        diagnostics.value('map: seen cells', np.count_nonzero(grid.occupancy != UNKNOWN_VALUE))
+        diagnostics.report(DiagnosticStatus.OK, 'mapping')
 
 
 def main() -> int:

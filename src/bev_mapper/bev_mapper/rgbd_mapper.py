@@ -11,7 +11,7 @@ import numpy as np
 
 from bev_mapper.evidence_grid import Crop, Evidence, EvidenceGrid
 from bev_mapper.floor import FloorTracker, Plane
-from bev_mapper.grid_fusion import DEFAULT_MAX_CELLS
+from bev_mapper.grid_fusion import DEFAULT_GROWTH, DEFAULT_MAX_CELLS
 from bev_mapper.majority_grid import MajorityGrid
 from bev_mapper.segmentation import CloudSegmenter, GeometricSegmenter
 from bev_mapper.unprojection import depth_in_metres, thin, unproject
@@ -53,7 +53,8 @@ class MapperConfig:
             lower than this, in metres.
         min_points: A frame must see so many points in a cell to say something about it.
         max_range: Depth beyond this is not mapped, in metres.
-        max_pixels: No more pixels of a frame than this are used.
+        max_pixels: The segmenter gets no more pixels of a frame than this.
+        max_points: No more of them than this become points.
         max_rays: No more rays of a frame than this are followed.
         fit_floor: Whether the floor is looked for; else it is at z = 0.
         voxel: Side of the cloud's voxels in metres.
@@ -61,9 +62,9 @@ class MapperConfig:
         relabel_every: A model of whole clouds labels it after so many frames; 0 at the end alone.
     """
 
-    geometry: GridGeometry = field(default_factory=lambda: GridGeometry(45, 45, 0.1, -2.25, -2.25))
+    geometry: GridGeometry = field(default_factory=lambda: GridGeometry(15, 15, 0.1))
     mode: Mode = 'evidence'
-    growth: int = 15
+    growth: int = DEFAULT_GROWTH
     max_cells: int = DEFAULT_MAX_CELLS
     crop: Crop = field(default_factory=Crop)
     footprint: float = 0.2
@@ -71,7 +72,8 @@ class MapperConfig:
     min_points: int = 3
     max_range: float = 5.0
     max_pixels: int = 130_000
-    max_rays: int = 5000
+    max_points: int = 40_000
+    max_rays: int = 3000
     fit_floor: bool = True
     voxel: float = 0.04
     max_voxels: int = 1_000_000
@@ -85,6 +87,9 @@ class RgbdMapper:
         cloud: Everything that was seen.
         grid: The map.
         frames: How many frames are in it.
+        stamp: The newest stamp in it in nanoseconds, -1 if there is none.
+        segmenter: Name of what tells floor from obstacles.
+        position: x and y of the last frame's pose in metres, None before the first one.
         floor: Where the last frame's floor was.
         timings: Seconds that each stage of the last frame took.
     """
@@ -131,6 +136,7 @@ class RgbdMapper:
     def _forget(self) -> None:
         self.frames = 0
         self.stamp = -1
+        self.position: tuple[float, float] | None = None
         self.floor = Plane()
         self.timings = dict.fromkeys(STAGES, 0.0)
 
@@ -154,7 +160,8 @@ class RgbdMapper:
         frame = thin(frame, config.max_pixels)
         depth = depth_in_metres(frame.depth)
         frame = replace(frame, depth=depth)
-        camera_to_map = frame.camera_to_map()
+        # To a nanometre: what a pose loses on its way through a message changes no cell.
+        camera_to_map = np.round(frame.camera_to_map(), 9)
         points = unproject(depth, frame.camera, camera_to_map)
         near = (depth > 0) & (depth <= config.max_range)
         camera = camera_to_map[:3, 3].copy()
@@ -169,8 +176,10 @@ class RgbdMapper:
         labels = self._pixels.labels(frame, points)
         clock.lap('segmentation')
 
-        kept = np.flatnonzero(near)
-        flat, kinds = np.take(points.reshape(3, -1), kept, axis=1), labels.reshape(-1)[kept]
+        some = _some(near.shape, config.max_points)
+        kept = np.flatnonzero(near[some])
+        flat = np.take(points[:, *some].reshape(3, -1), kept, axis=1)
+        kinds = labels[some].reshape(-1)[kept]
         if isinstance(self.grid, EvidenceGrid):
             seen = Evidence(
                 points=flat,
@@ -183,10 +192,11 @@ class RgbdMapper:
             self.grid.update(seen)
         clock.lap('grid')
 
-        self.cloud.merge(flat, frame.color.reshape(-1, 3)[kept], kinds)
+        self.cloud.merge(flat, frame.color[some].reshape(-1, 3)[kept], kinds)
         clock.lap('cloud')
         self.frames += 1
         self.stamp = max(self.stamp, frame.stamp)
+        self.position = frame.pose[:2]
         if isinstance(self.grid, MajorityGrid):
             every = config.relabel_every
             if self._whole is not None and every and self.frames % every == 0:
@@ -214,11 +224,12 @@ class RgbdMapper:
         camera: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         """Return up to where the camera sees, for some of the pixels, (3, N)."""
-        step = math.ceil(math.sqrt(depth.size / self.config.max_rays))
-        some = depth[step // 2 :: step, step // 2 :: step].reshape(-1)
-        ends = points[:, step // 2 :: step, step // 2 :: step].reshape(3, -1)[:, some > 0]
+        some = _some(depth.shape, self.config.max_rays)
+        depths = depth[some].reshape(-1)
+        seen = np.flatnonzero(depths)
+        ends = np.take(points[:, *some].reshape(3, -1), seen, axis=1)
         # What is too far away to be mapped still shows that nothing is before it.
-        part = np.minimum(self.config.max_range / some[some > 0], 1.0)
+        part = np.minimum(self.config.max_range / depths[seen], 1.0)
         rays: NDArray[np.float64] = camera[:, None] + (ends - camera[:, None]) * part
         return rays
 
@@ -241,6 +252,20 @@ class _Clock:
         now = time.perf_counter()
         self.laps[stage] += now - self._last
         self._last = now
+
+
+def _some(shape: tuple[int, ...], most: int) -> tuple[slice, slice]:
+    """Return some rows and columns of a picture, with no more than so many pixels.
+
+    More columns than rows: what is thin, such as a table's leg, is upright.
+    """
+    height, width = shape
+    factor = max(1, -(-height * width // most))
+    across = math.isqrt(factor)
+    down = -(-factor // across)
+    while len(range(down // 2, height, down)) * len(range(across // 2, width, across)) > most:
+        down += 1
+    return slice(down // 2, None, down), slice(across // 2, None, across)
 
 
 def _check(frame: RgbdFrame) -> None:

@@ -89,8 +89,9 @@ def render(
     *,
     mount: CameraMount = MOUNT,
     things: tuple[Box, ...] = FURNITURE,
+    room: Box = ROOM,
 ) -> RgbdFrame:
-    """Return what a camera sees of the room, with true labels and depth in millimetres."""
+    """Return what a camera sees of a room, with true labels and depth in millimetres."""
     camera_to_map = pose.matrix() @ mount.matrix()
     across = (np.arange(camera.width) - camera.cx) / camera.fx
     down = (np.arange(camera.height) - camera.cy) / camera.fy
@@ -101,7 +102,7 @@ def render(
     ways[np.abs(ways) < 1e-9] = 1e-9  # noqa: PLR2004 - keeps their inverses finite
     start = camera_to_map[:3, 3].astype(np.float32)[:, None, None]
 
-    far = np.maximum(*((np.reshape(end, (3, 1, 1)) - start) / ways for end in ROOM[:2]))
+    far = np.maximum(*((np.reshape(end, (3, 1, 1)) - start) / ways for end in room[:2]))
     depth = far.min(axis=0)
     sides = far.argmin(axis=0)
     labels = np.where(sides < 2, WALL, np.where(ways[2] < 0, FLOOR, CEILING))  # noqa: PLR2004

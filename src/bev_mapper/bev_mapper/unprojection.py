@@ -27,12 +27,14 @@ def thin(frame: RgbdFrame, max_pixels: int) -> RgbdFrame:
 
     Args:
         frame: The frame.
-        max_pixels: How many pixels may be left at most, about.
+        max_pixels: How many pixels may be left at most.
     """
     height, width = frame.depth.shape
-    step = math.ceil(math.sqrt(height * width / max_pixels))
-    if step <= 1:
+    if height * width <= max_pixels:
         return frame
+    step = math.ceil(math.sqrt(height * width / max_pixels))
+    while _left(height, step) * _left(width, step) > max_pixels:
+        step += 1
     first = step // 2
     camera = frame.camera
     depth = frame.depth[first::step, first::step]
@@ -50,6 +52,10 @@ def thin(frame: RgbdFrame, max_pixels: int) -> RgbdFrame:
             cy=(camera.cy - first) / step,
         ),
     )
+
+
+def _left(side: int, step: int) -> int:
+    return len(range(step // 2, side, step))
 
 
 def depth_in_metres(

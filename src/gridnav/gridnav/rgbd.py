@@ -148,6 +148,14 @@ class CameraMount(NamedTuple):
         matrix[:3, 3] = self[:3]
         return matrix
 
+    @classmethod
+    def from_matrix(cls, matrix: NDArray[np.float64]) -> CameraMount:
+        """Return the mount of a rigid transform (4, 4) from the optical frame into the robot's."""
+        from scipy.spatial.transform import Rotation  # noqa: PLC0415 - as in Pose3D
+
+        turn = Rotation.from_matrix(matrix[:3, :3] @ _OPTICAL.T)
+        return cls(*matrix[:3, 3].tolist(), *turn.as_euler('xyz').tolist())
+
 
 @dataclass(frozen=True)
 class RgbdFrame:

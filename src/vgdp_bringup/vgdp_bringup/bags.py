@@ -236,7 +236,7 @@ def namespaces(path: Path) -> list[str]:
     Raises:
         BagError: If there is no readable bag or no robot in it.
     """
-    with _open(path) as reader:
+    with open_bag(path) as reader:
         names = {connection.topic for connection in reader.connections if connection.msgcount}
     for topic in ('episode', 'odom'):
         found = sorted(
@@ -248,8 +248,21 @@ def namespaces(path: Path) -> list[str]:
     raise BagError(msg)
 
 
+def only_namespace(path: Path) -> str:
+    """Return where the one robot of a bag has its topics.
+
+    Raises:
+        BagError: If there is no readable bag, no robot in it, or more than one.
+    """
+    found = namespaces(path)
+    if len(found) > 1:
+        msg = f'{path} holds several robots, choose one by --namespace: {", ".join(found)}.'
+        raise BagError(msg)
+    return found[0]
+
+
 @contextmanager
-def _open(path: Path) -> Iterator[AnyReader]:
+def open_bag(path: Path) -> Iterator[AnyReader]:
     """Open a bag.
 
     Raises:
@@ -280,7 +293,7 @@ def _contents(
     """Return the messages of the wanted topics by relative name, and when all others came."""
     messages: Messages = defaultdict(list)
     received_of: dict[str, list[int]] = defaultdict(list)
-    with _open(path) as reader:
+    with open_bag(path) as reader:
         types = {connection.topic: connection.msgtype for connection in reader.connections}
         for connection, received, data in reader.messages():
             received_of[connection.topic].append(received)
@@ -299,11 +312,10 @@ def _contents(
 
 
 def _read_status(episodes: dict[int, Episode], status: Any) -> None:  # noqa: ANN401 - any bag's types
-    values = {item.key: item.value for item in status.values}
-    match = _START.fullmatch(values.pop('start', ''))
-    if match is None or status.name not in WORLDS or status.message not in set(Outcome):
+    start = start_of(status)
+    if start is None or status.name not in WORLDS or status.message not in set(Outcome):
         return
-    start = int(match[1]) * NANOSECONDS + int(match[2])
+    values = {item.key: item.value for item in status.values if item.key != 'start'}
     episode = episodes.setdefault(start, Episode(start))
     episode.outcome, episode.values = Outcome(status.message), values
 
@@ -373,6 +385,13 @@ def _of(episodes: Sequence[Episode], stamp: int) -> Episode:
 def stamp_of(message: Any) -> int:  # noqa: ANN401 - any type with a header
     """Return the stamp of a message in nanoseconds."""
     return int(message.header.stamp.sec) * NANOSECONDS + int(message.header.stamp.nanosec)
+
+
+def start_of(status: Any) -> int | None:  # noqa: ANN401 - a DiagnosticStatus of rosbags
+    """Return the stamp that names the episode of a status, in nanoseconds, if it has one."""
+    values = {item.key: item.value for item in status.values}
+    match = _START.fullmatch(values.get('start', ''))
+    return None if match is None else int(match[1]) * NANOSECONDS + int(match[2])
 
 
 def to_points(points: Sequence[Any]) -> NDArray[np.float64]:

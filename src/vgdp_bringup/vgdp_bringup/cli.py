@@ -33,6 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     _add_demo(groups)
     _add_bag(groups)
     _add_view(groups)
+    _add_map(groups)
     commands.register(groups)
     args = parser.parse_args(argv)
     status: int = args.run(args)
@@ -94,6 +95,67 @@ def _run_view(args: argparse.Namespace) -> int:
                 open_browser=not args.no_open,
             )
         )
+    except (ValueError, OSError) as error:
+        return refuse(error)
+
+
+def _add_map(groups: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    what = 'make a floor plan and a point cloud of RGB-D images'
+    parser = groups.add_parser(
+        'map',
+        help=what,
+        description=f'vgdp map: {what}, offline as the node bev_mapper does it online.',
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    add = parser.add_argument
+    add(
+        'source',
+        type=Path,
+        metavar='BAG|SCENE|SEQUENCE',
+        help='folder of a bag, of a scene of the Active Vision Dataset, or of posed images',
+    )
+    add('-o', '--out', type=Path, required=True, metavar='FOLDER', help='where the files go')
+    add(
+        '--segmenter',
+        default='geometric',
+        metavar='NAME',
+        help='what tells floor from obstacles: geometric, learned, dgcnn, swin3d, ground_truth',
+    )
+    add('--weights', type=Path, metavar='FILE', help='weights of the segmenter')
+    add('--resolution', type=float, default=0.1, metavar='M', help='side of a cell')
+    add(
+        '--mode',
+        default='evidence',
+        choices=('evidence', 'majority'),
+        help='add up what frames say about a cell, or count the points of the cloud',
+    )
+    add('--max-range', type=float, default=5.0, metavar='M', help='depth beyond it is left out')
+    add('--voxel', type=float, default=0.04, metavar='M', help="side of the cloud's voxels")
+    add('--width', type=int, default=0, metavar='PIXELS', help='of frames of scenes, 0 for all')
+    add('--namespace', default='', help='where the robot has its topics in a bag')
+    add(
+        '--mount',
+        type=float,
+        nargs=6,
+        metavar=('X', 'Y', 'Z', 'ROLL', 'PITCH', 'YAW'),
+        help='where the camera is on the robot, for bags: metres and radians, as the parameters '
+        'camera_x to camera_yaw of the node; from /tf_static if not given',
+    )
+    add(
+        '--image-slop', type=float, default=0.0, metavar='S', help="the node's parameter, for bags"
+    )
+    add('--pose-slop', type=float, default=0.1, metavar='S', help="the node's parameter, for bags")
+    parser.set_defaults(run=_run_map)
+
+
+def _run_map(args: argparse.Namespace) -> int:
+    from gridnav.rgbd import CameraMount  # noqa: PLC0415 - loads NumPy
+    from vgdp_bringup.mapping import MapOptions, run  # noqa: PLC0415
+
+    given = {name: value for name, value in vars(args).items() if name != 'run'}
+    given['mount'] = args.mount and CameraMount(*args.mount)
+    try:
+        return run(MapOptions(**given))
     except (ValueError, OSError) as error:
         return refuse(error)
 

@@ -22,7 +22,7 @@ from vgdp_bringup.bags import (
     LINE_STRIP,
     NANOSECONDS,
     BagError,
-    namespaces,
+    only_namespace,
     read_bag,
     read_messages,
     stamp_of,
@@ -116,7 +116,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay a bag and print where the outputs differ."""
-    namespace = args.namespace or _only_namespace(args.bag)
+    namespace = args.namespace or only_namespace(args.bag)
     began = time.perf_counter()
     if args.against == 'map':
         comparison = replay_map(args.bag, namespace, args.growth)
@@ -137,14 +137,6 @@ def run(args: argparse.Namespace) -> int:
         f'{elapsed:.1f} s{left_out}\n'
     )
     return DIFFERENT if comparison.differences else 0
-
-
-def _only_namespace(path: Path) -> str:
-    found = namespaces(path)
-    if len(found) > 1:
-        msg = f'{path} holds several robots, choose one by --namespace: {", ".join(found)}.'
-        raise BagError(msg)
-    return found[0]
 
 
 def _spans(episodes: Sequence[Episode]) -> list[tuple[int, float]]:

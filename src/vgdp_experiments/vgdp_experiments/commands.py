@@ -75,6 +75,7 @@ GROUPS: dict[str, tuple[str, dict[str, tuple[str, str]]]] = {
         'measure speed',
         {
             'planner': ('vgdp_experiments.bench_planner', 'of a decision, by the size of the map'),
+            'mapper': ('vgdp_experiments.bench_mapper', 'of mapping RGB-D frames, beside open3d'),
             'sim': ('maze_sim.benchmark', 'of drawing mazes and stepping in them'),
         },
     ),

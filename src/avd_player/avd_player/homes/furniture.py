@@ -1,3 +1,4 @@
+# ruff: noqa: PLR2004 - sizes of things
 """Furniture and other things in homes, each with dimensions, parts and colours of its own.
 
 Things stand in a frame of their own: x to the right along the wall that they stand at, y from
@@ -6,13 +7,15 @@ that wall (0) into the room, z up from the floor, the middle of the back at the 
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from avd_player.homes import textures
 from avd_player.homes.mesh import Mesh, box, cushion, cylinder, join, lathe, rectangle, rod
-from avd_player.homes.textures import Colour, Materials, hsv
+from avd_player.homes.textures import Materials, hsv
 from gridnav.rgbd import CLASSES
 
 if TYPE_CHECKING:
@@ -88,7 +91,11 @@ class Style:
         ]
         self._lacquers = [
             self.materials.colour(
-                hsv(rng.random(), rng.choice([0.03, 0.05, 0.3, 0.6]), rng.uniform(0.3, 0.95)),
+                hsv(
+                    rng.random(),
+                    rng.choice([0.02, 0.04, 0.06, 0.12, 0.3, 0.6]),
+                    rng.uniform(0.3, 0.95),
+                ),
                 gloss=0.06,
             )
             for _ in range(3)
@@ -102,9 +109,7 @@ class Style:
             )
             for _ in range(6)
         ]
-        self.steel = add(
-            textures.metal, hsv(0.6, 0.03, rng.uniform(0.45, 0.8)), 0.7, gloss=0.15
-        )
+        self.steel = add(textures.metal, hsv(0.6, 0.03, rng.uniform(0.45, 0.8)), 0.7, gloss=0.15)
         self.black = self.materials.colour((0.07, 0.07, 0.08), gloss=0.08)
         self.white = self.materials.colour((0.93, 0.93, 0.92), gloss=0.08)
         self.leaf = add(
@@ -160,18 +165,27 @@ def _legs(
                 legs.append(box(low, (side * x + half, y + half, height), material, label))
             elif kind == 1:
                 legs.append(
-                    cylinder(side * x, y, 0.0, height, thick * 0.35, material, label,
-                             segments=8, top=thick * 0.6)
+                    cylinder(
+                        side * x,
+                        y,
+                        0.0,
+                        height,
+                        thick * 0.35,
+                        material,
+                        label,
+                        segments=8,
+                        top=thick * 0.6,
+                    )
                 )
             else:
                 foot = (side * (x + 0.03), y + 0.03 * out, 0.0)
-                legs.append(rod(foot, (side * x, y, height), thick * 0.5, material, label, segments=8))
+                legs.append(
+                    rod(foot, (side * x, y, height), thick * 0.5, material, label, segments=8)
+                )
     return legs
 
 
-def table(
-    style: Style, width: float, depth: float, height: float, label: int = TABLE
-) -> Item:
+def table(style: Style, width: float, depth: float, height: float, label: int = TABLE) -> Item:
     """Make a table: with four legs, two trestles, or on one foot, round or with corners."""
     top, thick = style.front(), style.between(0.02, 0.05)
     below = height - thick
@@ -183,11 +197,24 @@ def table(
         parts = [
             cylinder(0, middle, below, height, radius, top, label, segments=28),
             cylinder(0, middle, 0.03, below, 0.05, style.leg(), label),
-            cylinder(0, middle, 0.0, 0.03, radius * 0.6, style.leg(), label, segments=20, top=radius * 0.4),
+            cylinder(
+                0,
+                middle,
+                0.0,
+                0.03,
+                radius * 0.6,
+                style.leg(),
+                label,
+                segments=20,
+                top=radius * 0.4,
+            ),
         ]
         inner = radius * 0.65
         return Item(
-            join(parts), width, depth, height,
+            join(parts),
+            width,
+            depth,
+            height,
             (Top(-inner, middle - inner, inner, middle + inner, height),),
         )
     parts = [box((-half, back, below), (half, ahead, height), top, label, cell=0.3)]
@@ -197,24 +224,52 @@ def table(
             x = side * (half - 0.18)
             parts += [
                 box((x - 0.03, 0.08, 0.0), (x + 0.03, depth - 0.08, 0.05), material, label),
-                box((x - 0.025, depth / 2 - 0.05, 0.05), (x + 0.025, depth / 2 + 0.05, below), material, label),
-                box((x - 0.03, 0.12, below - 0.05), (x + 0.03, depth - 0.12, below), material, label),
+                box(
+                    (x - 0.025, depth / 2 - 0.05, 0.05),
+                    (x + 0.025, depth / 2 + 0.05, below),
+                    material,
+                    label,
+                ),
+                box(
+                    (x - 0.03, 0.12, below - 0.05),
+                    (x + 0.03, depth - 0.12, below),
+                    material,
+                    label,
+                ),
             ]
         parts.append(
-            box((-half + 0.18, depth / 2 - 0.02, below - 0.15), (half - 0.18, depth / 2 + 0.02, below - 0.05), material, label)
+            box(
+                (-half + 0.18, depth / 2 - 0.02, below - 0.15),
+                (half - 0.18, depth / 2 + 0.02, below - 0.05),
+                material,
+                label,
+            )
         )
     else:
-        parts += _legs(style, half - 0.06, 0.06, depth - 0.06, below, label, style.between(0.035, 0.07))
+        parts += _legs(
+            style, half - 0.06, 0.06, depth - 0.06, below, label, style.between(0.035, 0.07)
+        )
         if height > 0.55:
             apron = style.front() if style.chance(0.2) else top
             parts += [
-                box((-half + 0.07, y - 0.01, below - 0.08), (half - 0.07, y + 0.01, below), apron, label)
+                box(
+                    (-half + 0.07, y - 0.01, below - 0.08),
+                    (half - 0.07, y + 0.01, below),
+                    apron,
+                    label,
+                )
                 for y in (0.07, depth - 0.07)
             ]
         elif style.chance(0.5):
-            parts.append(box((-half + 0.06, 0.06, 0.12), (half - 0.06, depth - 0.06, 0.14), top, label))
+            parts.append(
+                box((-half + 0.06, 0.06, 0.12), (half - 0.06, depth - 0.06, 0.14), top, label)
+            )
     return Item(
-        join(parts), width, depth, height, (Top(-half + 0.05, 0.05, half - 0.05, depth - 0.05, height),)
+        join(parts),
+        width,
+        depth,
+        height,
+        (Top(-half + 0.05, 0.05, half - 0.05, depth - 0.05, height),),
     )
 
 
@@ -240,29 +295,59 @@ def chair(style: Style) -> Item:
                 box((x - 0.02, 0.02, 0), (x + 0.02, 0.06, height), frame, CHAIR),
             ]
     if style.chance(0.5):
-        parts.append(cushion((0, depth / 2, seat), (half, depth / 2, 0.04), pad, CHAIR, roundness=0.35))
+        parts.append(
+            cushion((0, depth / 2, seat), (half, depth / 2, 0.04), pad, CHAIR, roundness=0.35)
+        )
     else:
         parts.append(box((-half, 0.02, seat - 0.02), (half, depth, seat + 0.015), pad, CHAIR))
     kind = style.rng.integers(3)
     if kind == 0:
         low = seat + style.between(0.08, 0.2)
         parts.append(
-            cushion((0, 0.035, (low + height) / 2), (half * 0.95, 0.03, (height - low) / 2), pad, CHAIR, roundness=0.3, tilt=0.05)
+            cushion(
+                (0, 0.035, (low + height) / 2),
+                (half * 0.95, 0.03, (height - low) / 2),
+                pad,
+                CHAIR,
+                roundness=0.3,
+                tilt=0.05,
+            )
         )
     elif kind == 1:
         count = int(style.rng.integers(2, 5))
         for level in np.linspace(seat + 0.15, height - 0.05, count).tolist():
-            parts.append(box((-half + 0.04, 0.015, level - 0.03), (half - 0.04, 0.04, level + 0.03), frame, CHAIR))
+            parts.append(
+                box(
+                    (-half + 0.04, 0.015, level - 0.03),
+                    (half - 0.04, 0.04, level + 0.03),
+                    frame,
+                    CHAIR,
+                )
+            )
     else:
-        parts.append(box((-half + 0.02, 0.0, height - 0.08), (half - 0.02, 0.04, height), frame, CHAIR))
+        parts.append(
+            box((-half + 0.02, 0.0, height - 0.08), (half - 0.02, 0.04, height), frame, CHAIR)
+        )
         for x in np.linspace(-half + 0.08, half - 0.08, int(style.rng.integers(3, 6))).tolist():
-            parts.append(box((x - 0.012, 0.02, seat), (x + 0.012, 0.04, height - 0.08), frame, CHAIR))
+            parts.append(
+                box((x - 0.012, 0.02, seat), (x + 0.012, 0.04, height - 0.08), frame, CHAIR)
+            )
     if style.chance(0.2):
         for side in (-1.0, 1.0):
             x = side * (half - 0.02)
             parts += [
-                box((x - 0.02, 0.04, seat + 0.2), (x + 0.02, depth - 0.05, seat + 0.225), frame, CHAIR),
-                box((x - 0.015, depth - 0.1, seat), (x + 0.015, depth - 0.07, seat + 0.2), frame, CHAIR),
+                box(
+                    (x - 0.02, 0.04, seat + 0.2),
+                    (x + 0.02, depth - 0.05, seat + 0.225),
+                    frame,
+                    CHAIR,
+                ),
+                box(
+                    (x - 0.015, depth - 0.1, seat),
+                    (x + 0.015, depth - 0.07, seat + 0.2),
+                    frame,
+                    CHAIR,
+                ),
             ]
     return Item(join(parts), width, depth, height)
 
@@ -277,18 +362,44 @@ def office_chair(style: Style) -> Item:
         x, y = 0.27 * np.cos(angle), 0.3 + 0.27 * np.sin(angle)
         parts += [
             rod((0, 0.3, 0.12), (x, y, 0.07), 0.02, foot, CHAIR),
-            cushion((x, y, 0.03), (0.025, 0.025, 0.03), style.black, CHAIR, roundness=0.8, rings=4, segments=8),
+            cushion(
+                (x, y, 0.03),
+                (0.025, 0.025, 0.03),
+                style.black,
+                CHAIR,
+                roundness=0.8,
+                rings=4,
+                segments=8,
+            ),
         ]
     parts += [
         cushion((0, 0.3, seat), (0.24, 0.24, 0.05), pad, CHAIR, roundness=0.4),
-        cushion((0, 0.07, (seat + height) / 2 + 0.08), (0.22, 0.04, (height - seat) / 2 - 0.08), pad, CHAIR, roundness=0.4, tilt=0.08),
+        cushion(
+            (0, 0.07, (seat + height) / 2 + 0.08),
+            (0.22, 0.04, (height - seat) / 2 - 0.08),
+            pad,
+            CHAIR,
+            roundness=0.4,
+            tilt=0.08,
+        ),
         rod((0, 0.1, seat - 0.03), (0, 0.06, seat + 0.25), 0.02, style.black, CHAIR),
     ]
     if style.chance(0.6):
         for side in (-0.27, 0.27):
             parts += [
-                box((side - 0.025, 0.15, seat + 0.2), (side + 0.025, 0.42, seat + 0.23), style.black, CHAIR),
-                rod((side * 0.9, 0.28, seat - 0.02), (side, 0.28, seat + 0.2), 0.015, style.black, CHAIR),
+                box(
+                    (side - 0.025, 0.15, seat + 0.2),
+                    (side + 0.025, 0.42, seat + 0.23),
+                    style.black,
+                    CHAIR,
+                ),
+                rod(
+                    (side * 0.9, 0.28, seat - 0.02),
+                    (side, 0.28, seat + 0.2),
+                    0.015,
+                    style.black,
+                    CHAIR,
+                ),
             ]
     return Item(join(parts), 0.6, 0.6, height)
 
@@ -296,7 +407,9 @@ def office_chair(style: Style) -> Item:
 def stool(style: Style) -> Item:
     """Make a stool."""
     height, radius = style.between(0.43, 0.75), style.between(0.15, 0.2)
-    parts = _legs(style, radius * 0.7, 0.2 - radius * 0.7, 0.2 + radius * 0.7, height - 0.02, CHAIR, 0.03)
+    parts = _legs(
+        style, radius * 0.7, 0.2 - radius * 0.7, 0.2 + radius * 0.7, height - 0.02, CHAIR, 0.03
+    )
     seat = style.front() if style.chance(0.5) else style.cloth()
     parts.append(cylinder(0, 0.2, height - 0.03, height, radius, seat, CHAIR, segments=18))
     return Item(join(parts), 0.4, 0.4, height)
@@ -311,17 +424,39 @@ def sofa(style: Style, width: float) -> Item:
     pad = style.cloth() if style.chance(0.25) else body
     half = width / 2
     soft = style.between(0.15, 0.4)
-    parts = [box((-half + 0.03, 0.03, feet), (half - 0.03, depth - 0.03, seat - 0.12), body, SOFA, cell=0.4)]
+    parts = [
+        box(
+            (-half + 0.03, 0.03, feet),
+            (half - 0.03, depth - 0.03, seat - 0.12),
+            body,
+            SOFA,
+            cell=0.4,
+        )
+    ]
     foot = style.leg()
     for x in (-half + 0.1, half - 0.1):
-        parts += [cylinder(x, y, 0, feet, 0.025, foot, SOFA, segments=8) for y in (0.1, depth - 0.1)]
+        parts += [
+            cylinder(x, y, 0, feet, 0.025, foot, SOFA, segments=8) for y in (0.1, depth - 0.1)
+        ]
     for side in (-1.0, 1.0):
         middle = side * (half - thick / 2)
         parts.append(
-            cushion((middle, depth / 2, (arm + feet) / 2), (thick / 2, depth / 2, (arm - feet) / 2), body, SOFA, roundness=soft)
+            cushion(
+                (middle, depth / 2, (arm + feet) / 2),
+                (thick / 2, depth / 2, (arm - feet) / 2),
+                body,
+                SOFA,
+                roundness=soft,
+            )
         )
     parts.append(
-        cushion((0, 0.11, (height + feet) / 2 - 0.02), (half - 0.02, 0.11, (height - feet) / 2 - 0.04), body, SOFA, roundness=soft)
+        cushion(
+            (0, 0.11, (height + feet) / 2 - 0.02),
+            (half - 0.02, 0.11, (height - feet) / 2 - 0.04),
+            body,
+            SOFA,
+            roundness=soft,
+        )
     )
     inner = width - 2 * thick
     count = max(1, round(inner / style.between(0.55, 0.85)))
@@ -329,21 +464,53 @@ def sofa(style: Style, width: float) -> Item:
     for index in range(count):
         x = -inner / 2 + (index + 0.5) * step
         parts += [
-            cushion((x, (depth + 0.2) / 2, seat - 0.06), (step / 2, (depth - 0.2) / 2, 0.08), pad, SOFA, roundness=0.25),
-            cushion((x, 0.25, (seat + height) / 2), (step / 2 - 0.01, 0.08, (height - seat) / 2), pad, SOFA, roundness=0.3, tilt=-0.15),
+            cushion(
+                (x, (depth + 0.2) / 2, seat - 0.06),
+                (step / 2, (depth - 0.2) / 2, 0.08),
+                pad,
+                SOFA,
+                roundness=0.25,
+            ),
+            cushion(
+                (x, 0.25, (seat + height) / 2),
+                (step / 2 - 0.01, 0.08, (height - seat) / 2),
+                pad,
+                SOFA,
+                roundness=0.3,
+                tilt=-0.15,
+            ),
         ]
     for _ in range(int(style.rng.integers(0, 4))):
         x = style.between(-inner / 2 + 0.18, inner / 2 - 0.18) if inner > 0.5 else 0.0
         parts.append(
-            cushion((x, 0.4, seat + 0.19), (0.2, 0.06, 0.18), style.cloth(), SOFA, roundness=0.5, tilt=-0.35)
+            cushion(
+                (x, 0.4, seat + 0.19),
+                (0.2, 0.06, 0.18),
+                style.cloth(),
+                SOFA,
+                roundness=0.5,
+                tilt=-0.35,
+            )
         )
     if width > 1.9 and style.chance(0.4):
         side = style.rng.choice([-1.0, 1.0])
         long = style.between(1.35, 1.6)
         low, high = sorted([side * half, side * (half - 0.75)])
         parts += [
-            box((low + 0.02, depth - 0.05, feet), (high - 0.02, long - 0.02, seat - 0.12), body, SOFA, cell=0.4),
-            cushion(((low + high) / 2, (depth + long) / 2 - 0.05, seat - 0.06), (0.37, (long - depth) / 2 + 0.06, 0.08), pad, SOFA, roundness=0.25),
+            box(
+                (low + 0.02, depth - 0.05, feet),
+                (high - 0.02, long - 0.02, seat - 0.12),
+                body,
+                SOFA,
+                cell=0.4,
+            ),
+            cushion(
+                ((low + high) / 2, (depth + long) / 2 - 0.05, seat - 0.06),
+                (0.37, (long - depth) / 2 + 0.06, 0.08),
+                pad,
+                SOFA,
+                roundness=0.25,
+            ),
         ]
         depth = long
     return Item(join(parts), width, depth, height)
@@ -356,7 +523,9 @@ def sofa_group(style: Style) -> Item:
     depth = seat.depth
     tops: tuple[Top, ...] = ()
     if style.chance(0.75) and depth < 1.1:
-        low = table(style, style.between(0.6, 1.1), style.between(0.45, 0.6), style.between(0.38, 0.5))
+        low = table(
+            style, style.between(0.6, 1.1), style.between(0.45, 0.6), style.between(0.38, 0.5)
+        )
         y = seat.depth + style.between(0.3, 0.4)
         x = style.between(-0.2, 0.2)
         parts.append(low.mesh.moved(x, y))
@@ -375,7 +544,15 @@ def _rug(style: Style, x0: float, y0: float, x1: float, y1: float) -> Mesh:
     side = style.materials.colour(colour)
     return join(
         [
-            rectangle((x0, y0, 0.012), (x1 - x0, 0, 0), (0, y1 - y0, 0), material, FLOOR, cell=0.25, fit=True),
+            rectangle(
+                (x0, y0, 0.012),
+                (x1 - x0, 0, 0),
+                (0, y1 - y0, 0),
+                material,
+                FLOOR,
+                cell=0.25,
+                fit=True,
+            ),
             box((x0, y0, 0.0), (x1, y1, 0.0115), side, FLOOR),
         ]
     )
@@ -388,7 +565,9 @@ def dining_set(style: Style) -> Item:
     seed = style.rng.integers(2**31)
     out = style.between(0.1, 0.3)
     parts = [board.mesh.moved(0, 0.45)]
-    places = [(x, side) for side in (0, 1) for x in ((0.0,) if width < 1.1 else (-width / 4, width / 4))]
+    places = [
+        (x, side) for side in (0, 1) for x in ((0.0,) if width < 1.1 else (-width / 4, width / 4))
+    ]
     for x, side in places:
         if style.chance(0.12):
             continue
@@ -405,7 +584,11 @@ def dining_set(style: Style) -> Item:
 
 def desk_set(style: Style) -> Item:
     """Make a desk with drawers, a screen and a chair."""
-    width, depth, height = style.between(1.0, 1.5), style.between(0.6, 0.75), style.between(0.72, 0.76)
+    width, depth, height = (
+        style.between(1.0, 1.5),
+        style.between(0.6, 0.75),
+        style.between(0.72, 0.76),
+    )
     desk = table(style, width, depth, height)
     parts = [desk.mesh]
     half = width / 2
@@ -416,8 +599,18 @@ def desk_set(style: Style) -> Item:
         parts.append(box((low, 0.05, 0.06), (high, depth - 0.08, height - 0.06), front, TABLE))
         for level in (0.12, 0.33, 0.52):
             parts += [
-                box((low + 0.01, depth - 0.08, level), (high - 0.01, depth - 0.065, level + 0.17), front, TABLE),
-                box(((low + high) / 2 - 0.06, depth - 0.065, level + 0.1), ((low + high) / 2 + 0.06, depth - 0.05, level + 0.115), style.steel, TABLE),
+                box(
+                    (low + 0.01, depth - 0.08, level),
+                    (high - 0.01, depth - 0.065, level + 0.17),
+                    front,
+                    TABLE,
+                ),
+                box(
+                    ((low + high) / 2 - 0.06, depth - 0.065, level + 0.1),
+                    ((low + high) / 2 + 0.06, depth - 0.05, level + 0.115),
+                    style.steel,
+                    TABLE,
+                ),
             ]
     if style.chance(0.75):
         parts.append(_screen(style).moved(style.between(-0.15, 0.15), 0.12, height))
@@ -425,7 +618,10 @@ def desk_set(style: Style) -> Item:
     seat = office_chair(style) if style.chance(0.65) else chair(style)
     turn = np.pi + style.between(-0.5, 0.5)
     parts.append(seat.mesh.moved(style.between(-0.1, 0.1), depth + 0.5, 0, turn))
-    tops = (Top(-half + 0.08, 0.1, -half * 0.45, depth - 0.08, height), Top(half * 0.45, 0.1, half - 0.08, depth - 0.08, height))
+    tops = (
+        Top(-half + 0.08, 0.1, -half * 0.45, depth - 0.08, height),
+        Top(half * 0.45, 0.1, half - 0.08, depth - 0.08, height),
+    )
     return Item(join(parts), width, depth + 0.55, height, tops)
 
 
@@ -446,12 +642,21 @@ def _shown(style: Style, width: float, height: float, z: float, y: float) -> Mes
     rng = style.rng
     colour = hsv(rng.random(), rng.uniform(0.1, 0.8), rng.uniform(0.3, 0.9))
     material = style.materials.add(textures.painting, colour, glow=rng.uniform(0.6, 1.1))
-    return rectangle((width / 2 - 0.015, y, z + 0.015), (-width + 0.03, 0, 0), (0, 0, height - 0.03), material, CLUTTER, fit=True)
+    return rectangle(
+        (width / 2 - 0.015, y, z + 0.015),
+        (-width + 0.03, 0, 0),
+        (0, 0, height - 0.03),
+        material,
+        CLUTTER,
+        fit=True,
+    )
 
 
 def tv_bench(style: Style) -> Item:
     """Make a low sideboard with a television on it."""
-    item = cupboard(style, style.between(1.1, 1.8), style.between(0.38, 0.45), style.between(0.4, 0.6))
+    item = cupboard(
+        style, style.between(1.1, 1.8), style.between(0.38, 0.45), style.between(0.4, 0.6)
+    )
     width = style.between(0.8, min(1.3, item.width))
     height = width * 0.57
     parts = [
@@ -462,10 +667,15 @@ def tv_bench(style: Style) -> Item:
     if style.chance(0.4):
         parts.append(_shown(style, width, height, 0.06, 0.1815))
     edge = item.width / 2
-    tops = (Top(width / 2, 0.08, edge - 0.05, 0.33, item.height),) if edge - width / 2 > 0.2 else ()
+    tops = (
+        (Top(width / 2, 0.08, edge - 0.05, 0.33, item.height),) if edge - width / 2 > 0.2 else ()
+    )
     return Item(
         join([item.mesh, join(parts).moved(0, 0, item.height)]),
-        item.width, item.depth, item.height + height, tops,
+        item.width,
+        item.depth,
+        item.height + height,
+        tops,
     )
 
 
@@ -486,16 +696,49 @@ def cupboard(style: Style, width: float, depth: float, height: float) -> Item:
         rows = [plinth + 0.005, height - 0.005]
         if height < 1.2 and style.chance(0.4):
             rows = np.linspace(rows[0], rows[1], int(style.rng.integers(3, 5))).tolist()
-        for below, above in zip(rows[:-1], rows[1:], strict=True):
-            parts.append(box((low, depth - 0.02, below + 0.003), (high, depth, above - 0.003), front, CLUTTER, cell=cell))
+        for below, above in pairwise(rows):
+            parts.append(
+                box(
+                    (low, depth - 0.02, below + 0.003),
+                    (high, depth, above - 0.003),
+                    front,
+                    CLUTTER,
+                    cell=cell,
+                )
+            )
             x, z = (low + high) / 2, (below + above) / 2
             if handle == 0:
-                parts.append(box((x - 0.06, depth, above - 0.08), (x + 0.06, depth + 0.02, above - 0.065), style.steel, CLUTTER))
+                parts.append(
+                    box(
+                        (x - 0.06, depth, above - 0.08),
+                        (x + 0.06, depth + 0.02, above - 0.065),
+                        style.steel,
+                        CLUTTER,
+                    )
+                )
             elif handle == 1:
                 side = high - 0.06 if index % 2 == 0 else low + 0.06
-                parts.append(rod((side, depth + 0.015, z - 0.07), (side, depth + 0.015, z + 0.07), 0.008, style.steel, CLUTTER))
+                parts.append(
+                    rod(
+                        (side, depth + 0.015, z - 0.07),
+                        (side, depth + 0.015, z + 0.07),
+                        0.008,
+                        style.steel,
+                        CLUTTER,
+                    )
+                )
             else:
-                parts.append(cushion((x, depth + 0.01, above - 0.07), (0.014, 0.014, 0.014), style.steel, CLUTTER, roundness=1.0, rings=4, segments=8))
+                parts.append(
+                    cushion(
+                        (x, depth + 0.01, above - 0.07),
+                        (0.014, 0.014, 0.014),
+                        style.steel,
+                        CLUTTER,
+                        roundness=1.0,
+                        rings=4,
+                        segments=8,
+                    )
+                )
     tops = (Top(-half + 0.05, 0.05, half - 0.05, depth - 0.05, height),) if height < 1.3 else ()
     return Item(join(parts), width, depth + 0.02, height, tops)
 
@@ -508,15 +751,31 @@ def bookcase(style: Style) -> Item:
     rows = max(2, round(height / style.between(0.3, 0.42)))
     levels = np.linspace(0.05, height - thick, rows + 1)
     parts = [
-        box((side - thick / 2, 0, 0), (side + thick / 2, depth, height), material, BOOKCASE, cell=0.4)
+        box(
+            (side - thick / 2, 0, 0),
+            (side + thick / 2, depth, height),
+            material,
+            BOOKCASE,
+            cell=0.4,
+        )
         for side in (-half + thick / 2, half - thick / 2)
     ]
     parts += [
-        box((-half + thick, 0.005, z), (half - thick, depth - 0.005, z + thick), material, BOOKCASE)
+        box(
+            (-half + thick, 0.005, z), (half - thick, depth - 0.005, z + thick), material, BOOKCASE
+        )
         for z in levels.tolist()
     ]
     if style.chance(0.75):
-        parts.append(box((-half + thick, 0, 0.05), (half - thick, 0.008, height - 0.005), material, BOOKCASE, cell=0.4))
+        parts.append(
+            box(
+                (-half + thick, 0, 0.05),
+                (half - thick, 0.008, height - 0.005),
+                material,
+                BOOKCASE,
+                cell=0.4,
+            )
+        )
     tops = []
     gap = float(levels[1] - levels[0]) - thick
     for index, z in enumerate((levels[:-1] + thick).tolist()):
@@ -538,7 +797,9 @@ def bookcase(style: Style) -> Item:
             if gap > 0.3 and 0.35 < z < 1.2 and index:
                 tops.append(Top(end + 0.07, 0.08, half - thick - 0.05, depth - 0.02, z))
             elif style.chance(0.5):
-                parts.append(small_thing(style, min(0.2, gap)).mesh.moved(end + free / 2, depth / 2, z))
+                parts.append(
+                    small_thing(style, min(0.2, gap)).mesh.moved(end + free / 2, depth / 2, z)
+                )
     if height < 1.25:
         tops.append(Top(-half + 0.06, 0.06, half - 0.06, depth - 0.04, height))
     return Item(join(parts), width, depth, height, tuple(tops))
@@ -550,23 +811,62 @@ def bed_set(style: Style) -> Item:
     long, height = 2.05, style.between(0.4, 0.55)
     half, frame, sheet, blanket = wide / 2, style.front(), style.white, style.cloth()
     parts = [
-        box((-half - 0.03, 0.03, 0.12), (half + 0.03, long, height - 0.16), frame, CLUTTER, cell=0.4),
-        cushion((0, long / 2, height - 0.1), (half, long / 2 - 0.03, 0.1), sheet, CLUTTER, roundness=0.15),
-        cushion((0, long * 0.62, height - 0.06), (half + 0.04, long * 0.37, 0.11), blanket, CLUTTER, roundness=0.2, rings=10, segments=24),
-        box((-half - 0.05, 0, 0), (half + 0.05, 0.05, style.between(0.7, 1.15)), frame, CLUTTER, cell=0.4),
+        box(
+            (-half - 0.03, 0.03, 0.12),
+            (half + 0.03, long, height - 0.16),
+            frame,
+            CLUTTER,
+            cell=0.4,
+        ),
+        cushion(
+            (0, long / 2, height - 0.1),
+            (half, long / 2 - 0.03, 0.1),
+            sheet,
+            CLUTTER,
+            roundness=0.15,
+        ),
+        cushion(
+            (0, long * 0.62, height - 0.06),
+            (half + 0.04, long * 0.37, 0.11),
+            blanket,
+            CLUTTER,
+            roundness=0.2,
+            rings=10,
+            segments=24,
+        ),
+        box(
+            (-half - 0.05, 0, 0),
+            (half + 0.05, 0.05, style.between(0.7, 1.15)),
+            frame,
+            CLUTTER,
+            cell=0.4,
+        ),
     ]
     parts += [
         box((x - 0.03, y, 0), (x + 0.03, y + 0.06, 0.12), frame, CLUTTER)
-        for x in (-half, half) for y in (0.1, long - 0.1)
+        for x in (-half, half)
+        for y in (0.1, long - 0.1)
     ]
     for x in (0.0,) if wide < 1.2 else (-half / 2, half / 2):
-        parts.append(cushion((x, 0.3, height + 0.05), (0.32, 0.2, 0.08), style.cloth() if style.chance(0.3) else sheet, CLUTTER, roundness=0.5))
+        parts.append(
+            cushion(
+                (x, 0.3, height + 0.05),
+                (0.32, 0.2, 0.08),
+                style.cloth() if style.chance(0.3) else sheet,
+                CLUTTER,
+                roundness=0.5,
+            )
+        )
     width, tops, lamps = wide + 0.1, [], []
     side = 0.5
     beside = [-1.0, 1.0] if wide > 1.2 else [float(style.rng.choice([-1.0, 1.0]))]
     if style.chance(0.85):
         for sign in beside:
-            small = table(style, 0.42, 0.38, style.between(0.42, 0.55)) if style.chance(0.5) else cupboard(style, 0.42, 0.38, style.between(0.42, 0.55))
+            small = (
+                table(style, 0.42, 0.38, style.between(0.42, 0.55))
+                if style.chance(0.5)
+                else cupboard(style, 0.42, 0.38, style.between(0.42, 0.55))
+            )
             x = sign * (half + 0.3)
             mesh = small.mesh
             # Beside a bed even a small cupboard is a table.
@@ -581,25 +881,40 @@ def bed_set(style: Style) -> Item:
     return Item(join(parts), width, long, 1.1, tuple(tops), tuple(lamps))
 
 
-def kitchen_row(style: Style, width: float) -> Item:
-    """Make a kitchen: base cupboards, worktop, sink, hob, oven, cupboards above, often a fridge."""
+def kitchen_row(style: Style, width: float, *, cupboards_above: bool) -> Item:
+    """Make a kitchen: base cupboards, worktop, sink, hob, oven, and more.
+
+    Args:
+        style: Of the home.
+        width: Metres.
+        cupboards_above: Whether there are cupboards or shelves on the wall, and often a fridge.
+    """
     depth, height = 0.6, style.between(0.86, 0.93)
     front, handle = style.front(), style.steel
     rng = style.rng
-    top = style.materials.add(
-        textures.stone, hsv(rng.random(), rng.uniform(0, 0.2), rng.uniform(0.15, 0.9)), 0.8, gloss=0.08
-    ) if style.chance(0.7) else style.wood()
+    top = (
+        style.materials.add(
+            textures.stone,
+            hsv(rng.random(), rng.uniform(0, 0.2), rng.uniform(0.15, 0.9)),
+            0.8,
+            gloss=0.08,
+        )
+        if style.chance(0.7)
+        else style.wood()
+    )
     half = width / 2
     parts, tops = [], []
     start = -half
     tall = 0.0
-    if width > 1.9 and style.chance(0.85):
+    if cupboards_above and width > 1.9 and style.chance(0.85):
         tall = style.between(1.6, 2.0)
         parts.append(fridge(style, tall).mesh.moved(-half + 0.31, 0))
         start += 0.62
     parts += [
         box((start + 0.01, 0, 0), (half, depth - 0.06, 0.1), style.black, CLUTTER),
-        box((start + 0.005, 0, 0.1), (half, depth - 0.02, height - 0.035), front, CLUTTER, cell=0.4),
+        box(
+            (start + 0.005, 0, 0.1), (half, depth - 0.02, height - 0.035), front, CLUTTER, cell=0.4
+        ),
         box((start, 0, height - 0.035), (half, depth + 0.01, height), top, CLUTTER, cell=0.3),
     ]
     count = max(2, round((half - start) / 0.6))
@@ -611,36 +926,98 @@ def kitchen_row(style: Style, width: float) -> Item:
         middle = (low + high) / 2
         if index == oven:
             parts += [
-                box((low, depth - 0.02, 0.12), (high, depth + 0.005, height - 0.05), style.black, CLUTTER),
-                box((low + 0.04, depth + 0.005, height - 0.18), (high - 0.04, depth + 0.03, height - 0.16), handle, CLUTTER),
-                box((low, depth, height - 0.12), (high, depth + 0.006, height - 0.05), style.steel, CLUTTER),
-                box((low + 0.02, 0.06, height), (high - 0.02, depth - 0.06, height + 0.006), style.black, CLUTTER),
+                box(
+                    (low, depth - 0.02, 0.12),
+                    (high, depth + 0.005, height - 0.05),
+                    style.black,
+                    CLUTTER,
+                ),
+                box(
+                    (low + 0.04, depth + 0.005, height - 0.18),
+                    (high - 0.04, depth + 0.03, height - 0.16),
+                    handle,
+                    CLUTTER,
+                ),
+                box(
+                    (low, depth, height - 0.12),
+                    (high, depth + 0.006, height - 0.05),
+                    style.steel,
+                    CLUTTER,
+                ),
+                box(
+                    (low + 0.02, 0.06, height),
+                    (high - 0.02, depth - 0.06, height + 0.006),
+                    style.black,
+                    CLUTTER,
+                ),
             ]
             parts += [
-                cylinder(middle + dx, 0.3 + dy, height + 0.006, height + 0.01, 0.08, style.steel, CLUTTER, segments=14)
-                for dx in (-0.13, 0.13) for dy in (-0.11, 0.11)
+                cylinder(
+                    middle + dx,
+                    0.3 + dy,
+                    height + 0.006,
+                    height + 0.01,
+                    0.08,
+                    style.steel,
+                    CLUTTER,
+                    segments=14,
+                )
+                for dx in (-0.13, 0.13)
+                for dy in (-0.11, 0.11)
             ]
             if style.chance(0.6):
                 parts.append(pot(style).mesh.moved(middle + 0.13, 0.19, height + 0.01))
             continue
         drawers = style.chance(0.35)
         rows = np.linspace(0.11, height - 0.045, 4 if drawers else 2).tolist()
-        for below, above in zip(rows[:-1], rows[1:], strict=True):
+        for below, above in pairwise(rows):
             parts += [
-                box((low, depth - 0.02, below + 0.003), (high, depth, above - 0.003), front, CLUTTER),
-                box((middle - 0.07, depth, above - 0.06), (middle + 0.07, depth + 0.02, above - 0.045), handle, CLUTTER),
+                box(
+                    (low, depth - 0.02, below + 0.003),
+                    (high, depth, above - 0.003),
+                    front,
+                    CLUTTER,
+                ),
+                box(
+                    (middle - 0.07, depth, above - 0.06),
+                    (middle + 0.07, depth + 0.02, above - 0.045),
+                    handle,
+                    CLUTTER,
+                ),
             ]
         if index == sink:
             parts += [
-                box((low + 0.05, 0.12, height), (high - 0.05, depth - 0.1, height + 0.004), style.steel, CLUTTER),
-                box((low + 0.09, 0.16, height + 0.004), (high - 0.09, depth - 0.14, height + 0.005), style.black, CLUTTER),
-                rod((middle, 0.08, height), (middle, 0.08, height + 0.28), 0.012, style.steel, CLUTTER),
-                rod((middle, 0.08, height + 0.28), (middle, 0.25, height + 0.24), 0.01, style.steel, CLUTTER),
+                box(
+                    (low + 0.05, 0.12, height),
+                    (high - 0.05, depth - 0.1, height + 0.004),
+                    style.steel,
+                    CLUTTER,
+                ),
+                box(
+                    (low + 0.09, 0.16, height + 0.004),
+                    (high - 0.09, depth - 0.14, height + 0.005),
+                    style.black,
+                    CLUTTER,
+                ),
+                rod(
+                    (middle, 0.08, height),
+                    (middle, 0.08, height + 0.28),
+                    0.012,
+                    style.steel,
+                    CLUTTER,
+                ),
+                rod(
+                    (middle, 0.08, height + 0.28),
+                    (middle, 0.25, height + 0.24),
+                    0.01,
+                    style.steel,
+                    CLUTTER,
+                ),
             ]
         else:
             tops.append(Top(low + 0.06, 0.12, high - 0.06, depth - 0.08, height))
     above = style.between(1.4, 1.5)
-    if style.chance(0.85):
+    if cupboards_above and style.chance(0.85):
         upper = start + (step if style.chance(0.3) else 0.0)
         other = style.front() if style.chance(0.3) else front
         high_end = above + style.between(0.5, 0.75)
@@ -650,43 +1027,93 @@ def kitchen_row(style: Style, width: float) -> Item:
             low, high = upper + index * wide, upper + (index + 1) * wide
             parts += [
                 box((low, 0, above), (high, 0.32, high_end), other, CLUTTER, cell=0.4),
-                box((low + 0.004, 0.32, above + 0.004), (high - 0.004, 0.338, high_end - 0.004), other, CLUTTER),
-                box(((low + high) / 2 - 0.06, 0.338, above + 0.03), ((low + high) / 2 + 0.06, 0.355, above + 0.045), handle, CLUTTER),
+                box(
+                    (low + 0.004, 0.32, above + 0.004),
+                    (high - 0.004, 0.338, high_end - 0.004),
+                    other,
+                    CLUTTER,
+                ),
+                box(
+                    ((low + high) / 2 - 0.06, 0.338, above + 0.03),
+                    ((low + high) / 2 + 0.06, 0.355, above + 0.045),
+                    handle,
+                    CLUTTER,
+                ),
             ]
-    elif style.chance(0.7):
-        parts.append(box((start + 0.2, 0, above), (half - 0.2, 0.24, above + 0.03), style.wood(), CLUTTER))
+    elif cupboards_above:
+        parts.append(
+            box((start + 0.2, 0, above), (half - 0.2, 0.24, above + 0.03), style.wood(), CLUTTER)
+        )
         parts += [
             small_thing(style, 0.25).mesh.moved(x, 0.13, above + 0.03)
             for x in np.arange(start + 0.35, half - 0.3, 0.22).tolist()
         ]
-    return Item(join(parts), width, depth + 0.03, 2.2, tuple(tops))
+    return Item(join(parts), width, depth + 0.03, 2.2 if cupboards_above else height, tuple(tops))
 
 
 def fridge(style: Style, height: float) -> Item:
     """Make a fridge with one or two doors."""
-    material = style.steel if style.chance(0.4) else style.white if style.chance(0.7) else style.any_colour()
+    material = (
+        style.steel
+        if style.chance(0.4)
+        else style.white
+        if style.chance(0.7)
+        else style.any_colour()
+    )
     split = height * style.between(0.35, 0.7)
     parts = [box((-0.3, 0.02, 0.02), (0.3, 0.58, height), material, CLUTTER, cell=0.5)]
     for low, high in ((0.04, split - 0.005), (split + 0.005, height - 0.01)):
         parts += [
             box((-0.3, 0.58, low), (0.3, 0.62, high), material, CLUTTER, cell=0.5),
-            box((0.24, 0.62, (low + high) / 2 - 0.12), (0.26, 0.655, (low + high) / 2 + 0.12), style.steel, CLUTTER),
+            box(
+                (0.24, 0.62, (low + high) / 2 - 0.12),
+                (0.26, 0.655, (low + high) / 2 + 0.12),
+                style.steel,
+                CLUTTER,
+            ),
         ]
     return Item(join(parts), 0.62, 0.65, height)
 
 
 def kitchen_island(style: Style) -> Item:
     """Make a counter that stands free or at a wall, with cupboards below and stools before it."""
-    width, depth, height = style.between(0.9, 1.5), style.between(0.45, 0.6), style.between(0.88, 1.05)
+    width, depth, height = (
+        style.between(0.9, 1.5),
+        style.between(0.45, 0.6),
+        style.between(0.88, 1.05),
+    )
     low = cupboard(style, width, depth, height - 0.04)
     top = style.wood() if style.chance(0.5) else style.front()
-    parts = [low.mesh, box((-width / 2 - 0.03, 0, height - 0.04), (width / 2 + 0.03, depth + 0.04, height), top, CLUTTER, cell=0.3)]
-    return Item(join(parts), width + 0.06, depth + 0.04, height, (Top(-width / 2, 0.06, width / 2, depth - 0.05, height),))
+    parts = [
+        low.mesh,
+        box(
+            (-width / 2 - 0.03, 0, height - 0.04),
+            (width / 2 + 0.03, depth + 0.04, height),
+            top,
+            CLUTTER,
+            cell=0.3,
+        ),
+    ]
+    return Item(
+        join(parts),
+        width + 0.06,
+        depth + 0.04,
+        height,
+        (Top(-width / 2, 0.06, width / 2, depth - 0.05, height),),
+    )
 
 
 def toilet(style: Style) -> Item:
     """Make a toilet."""
-    bowl = [(0.0, 0.0), (0.13, 0.0), (0.12, 0.1), (0.17, 0.3), (0.2, 0.38), (0.2, 0.41), (0.0, 0.42)]
+    bowl = [
+        (0.0, 0.0),
+        (0.13, 0.0),
+        (0.12, 0.1),
+        (0.17, 0.3),
+        (0.2, 0.38),
+        (0.2, 0.41),
+        (0.0, 0.42),
+    ]
     parts = [
         lathe(bowl, style.white, CLUTTER, center=(0, 0.4), segments=20),
         box((-0.1, 0.1, 0.02), (0.1, 0.35, 0.36), style.white, CLUTTER),
@@ -705,17 +1132,29 @@ def washbasin(style: Style) -> Item:
     parts = [
         low.mesh,
         box((-half - 0.02, 0, 0.72), (half + 0.02, 0.48, 0.84), style.white, CLUTTER),
-        lathe([(0.0, 0.8405), (0.18, 0.841), (0.2, 0.845), (0.0, 0.846)], style.steel, CLUTTER, center=(0, 0.26), segments=20),
+        lathe(
+            [(0.0, 0.8405), (0.18, 0.841), (0.2, 0.845), (0.0, 0.846)],
+            style.steel,
+            CLUTTER,
+            center=(0, 0.26),
+            segments=20,
+        ),
         rod((0, 0.06, 0.84), (0, 0.06, 1.0), 0.013, style.steel, CLUTTER),
         rod((0, 0.06, 1.0), (0, 0.18, 0.97), 0.01, style.steel, CLUTTER),
         box((-half * 0.9, 0, 1.1), (half * 0.9, 0.025, style.between(1.6, 1.9)), glass, CLUTTER),
     ]
-    return Item(join(parts), width + 0.04, 0.48, 1.9, (Top(half - 0.17, 0.1, half - 0.02, 0.4, 0.84),))
+    return Item(
+        join(parts), width + 0.04, 0.48, 1.9, (Top(half - 0.17, 0.1, half - 0.02, 0.4, 0.84),)
+    )
 
 
 def bathtub(style: Style) -> Item:
     """Make a bathtub: an outer wall, a rim and a basin."""
-    long, wide, height = style.between(1.5, 1.7), style.between(0.7, 0.75), style.between(0.52, 0.6)
+    long, wide, height = (
+        style.between(1.5, 1.7),
+        style.between(0.7, 0.75),
+        style.between(0.52, 0.6),
+    )
     half, rim = long / 2, 0.06
     parts = [
         box((-half, 0, 0), (half, rim, height), style.white, CLUTTER, cell=0.4),
@@ -723,8 +1162,20 @@ def bathtub(style: Style) -> Item:
         box((-half, rim, 0), (-half + rim, wide - rim, height), style.white, CLUTTER),
         box((half - rim, rim, 0), (half, wide - rim, height), style.white, CLUTTER),
         box((-half + rim, rim, 0), (half - rim, wide - rim, 0.15), style.white, CLUTTER, cell=0.4),
-        rod((-half + 0.15, 0.04, height), (-half + 0.15, 0.04, height + 0.15), 0.015, style.steel, CLUTTER),
-        rod((-half + 0.15, 0.04, height + 0.15), (-half + 0.15, 0.18, height + 0.12), 0.013, style.steel, CLUTTER),
+        rod(
+            (-half + 0.15, 0.04, height),
+            (-half + 0.15, 0.04, height + 0.15),
+            0.015,
+            style.steel,
+            CLUTTER,
+        ),
+        rod(
+            (-half + 0.15, 0.04, height + 0.15),
+            (-half + 0.15, 0.18, height + 0.12),
+            0.013,
+            style.steel,
+            CLUTTER,
+        ),
     ]
     return Item(join(parts), long, wide, height)
 
@@ -732,18 +1183,22 @@ def bathtub(style: Style) -> Item:
 def washing_machine(style: Style) -> Item:
     """Make a washing machine with a round door."""
     parts = [box((-0.3, 0, 0.02), (0.3, 0.57, 0.85), style.white, CLUTTER, cell=0.4)]
-    ring = lathe([(0.0, 0.0), (0.19, 0.0), (0.19, 0.02), (0.15, 0.035), (0.0, 0.035)], style.steel, CLUTTER, segments=22)
-    glass = lathe([(0.0, 0.036), (0.14, 0.036), (0.1, 0.05), (0.0, 0.055)], style.black, CLUTTER, segments=22)
-    for part in (ring, glass):
-        parts.append(_lying(part, 0.57, 0.45))
+    ring = lathe(
+        [(0.0, 0.0), (0.19, 0.0), (0.19, 0.02), (0.15, 0.035), (0.0, 0.035)],
+        style.steel,
+        CLUTTER,
+        segments=22,
+    )
+    glass = lathe(
+        [(0.0, 0.036), (0.14, 0.036), (0.1, 0.05), (0.0, 0.055)], style.black, CLUTTER, segments=22
+    )
+    parts += [_lying(part, 0.57, 0.45) for part in (ring, glass)]
     parts.append(box((-0.28, 0.57, 0.72), (0.0, 0.575, 0.82), style.steel, CLUTTER))
     return Item(join(parts), 0.62, 0.62, 0.85, (Top(-0.22, 0.08, 0.22, 0.5, 0.85),))
 
 
 def _lying(part: Mesh, y: float, z: float) -> Mesh:
     """Return a mesh whose z axis is turned to y."""
-    from dataclasses import replace  # noqa: PLC0415
-
     turn = np.array([[-1, 0, 0], [0, 0, 1], [0, 1, 0]], np.float32)
     return replace(
         part,
@@ -758,8 +1213,24 @@ def plant(style: Style, height: float) -> Item:
     pot_height = min(0.35, 0.3 * height + 0.03)
     clay = style.any_colour()
     parts = [
-        lathe([(0.0, 0.0), (radius * 0.7, 0.0), (radius, pot_height), (radius * 0.9, pot_height), (radius * 0.85, pot_height - 0.02)], clay, CLUTTER, segments=14),
-        lathe([(radius * 0.86, pot_height - 0.02), (0.0, pot_height - 0.02)], style.soil, CLUTTER, segments=14),
+        lathe(
+            [
+                (0.0, 0.0),
+                (radius * 0.7, 0.0),
+                (radius, pot_height),
+                (radius * 0.9, pot_height),
+                (radius * 0.85, pot_height - 0.02),
+            ],
+            clay,
+            CLUTTER,
+            segments=14,
+        ),
+        lathe(
+            [(radius * 0.86, pot_height - 0.02), (0.0, pot_height - 0.02)],
+            style.soil,
+            CLUTTER,
+            segments=14,
+        ),
     ]
     spread = 0.0
     blades = style.chance(0.4)
@@ -768,16 +1239,41 @@ def plant(style: Style, height: float) -> Item:
         lean = style.between(0.1, 0.9)
         long = (height - pot_height) * style.between(0.4, 1.0)
         if blades:
-            leaf = cushion((0, 0, long / 2), (0.025, 0.006, long / 2), style.leaf, CLUTTER, roundness=1.0, rings=6, segments=6)
+            leaf = cushion(
+                (0, 0, long / 2),
+                (0.025, 0.006, long / 2),
+                style.leaf,
+                CLUTTER,
+                roundness=1.0,
+                rings=6,
+                segments=6,
+            )
             leaf = _tilted(leaf, lean * 0.5)
             parts.append(leaf.moved(0, 0, pot_height - 0.03, turn))
             reach = long * np.sin(lean * 0.5)
         else:
             reach = long * 0.45 * np.sin(lean)
-            x, y, z = reach * np.cos(turn), reach * np.sin(turn), pot_height + long * np.cos(lean * 0.6)
-            parts.append(rod((0, 0, pot_height - 0.03), (x, y, z), 0.005, style.soil, CLUTTER, segments=4))
+            x, y, z = (
+                reach * np.cos(turn),
+                reach * np.sin(turn),
+                pot_height + long * np.cos(lean * 0.6),
+            )
+            parts.append(
+                rod((0, 0, pot_height - 0.03), (x, y, z), 0.005, style.soil, CLUTTER, segments=4)
+            )
             big = style.between(0.05, 0.1) * (0.5 + height * 0.6)
-            leaf = _tilted(cushion((0, 0, 0), (big * 0.6, 0.006, big), style.leaf, CLUTTER, roundness=1.0, rings=4, segments=8), style.between(0.3, 1.5))
+            leaf = _tilted(
+                cushion(
+                    (0, 0, 0),
+                    (big * 0.6, 0.006, big),
+                    style.leaf,
+                    CLUTTER,
+                    roundness=1.0,
+                    rings=4,
+                    segments=8,
+                ),
+                style.between(0.3, 1.5),
+            )
             parts.append(leaf.moved(x, y, z, turn + style.between(-0.6, 0.6)))
             reach += big
         spread = max(spread, reach)
@@ -786,8 +1282,6 @@ def plant(style: Style, height: float) -> Item:
 
 
 def _tilted(part: Mesh, angle: float) -> Mesh:
-    from dataclasses import replace  # noqa: PLC0415
-
     cos, sin = np.cos(angle), np.sin(angle)
     turn = np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]], np.float32)
     return replace(part, vertices=part.vertices @ turn, normals=part.normals @ turn)
@@ -806,7 +1300,17 @@ def floor_lamp(style: Style) -> Item:
     parts = [
         cylinder(0, 0.2, 0, 0.025, 0.14, style.leg(), CLUTTER, segments=18),
         rod((0, 0.2, 0.02), (0, 0.2, height - 0.2), 0.013, style.leg(), CLUTTER, segments=8),
-        cylinder(0, 0.2, height - 0.25, height, radius, _shade(style, on=on), CLUTTER, segments=18, top=radius * style.between(0.5, 1.0)),
+        cylinder(
+            0,
+            0.2,
+            height - 0.25,
+            height,
+            radius,
+            _shade(style, on=on),
+            CLUTTER,
+            segments=18,
+            top=radius * style.between(0.5, 1.0),
+        ),
     ]
     lamps = ((0.0, 0.2, height + 0.1, 1.2),) if on else ()
     return Item(join(parts), 0.4, 0.4, height, (), lamps)
@@ -815,10 +1319,28 @@ def floor_lamp(style: Style) -> Item:
 def table_lamp(style: Style) -> Item:
     """Make a lamp for a table."""
     foot, radius = style.between(0.18, 0.3), style.between(0.08, 0.13)
-    base = [(0.0, 0.0), (0.07, 0.0), (0.07, 0.015), (0.02, 0.03), (style.between(0.015, 0.06), foot * 0.5), (0.012, foot), (0.0, foot)]
+    base = [
+        (0.0, 0.0),
+        (0.07, 0.0),
+        (0.07, 0.015),
+        (0.02, 0.03),
+        (style.between(0.015, 0.06), foot * 0.5),
+        (0.012, foot),
+        (0.0, foot),
+    ]
     parts = [
         lathe(base, style.any_colour(), CLUTTER, segments=12),
-        cylinder(0, 0, foot, foot + 0.16, radius, _shade(style, on=style.chance(0.6)), CLUTTER, segments=14, top=radius * 0.7),
+        cylinder(
+            0,
+            0,
+            foot,
+            foot + 0.16,
+            radius,
+            _shade(style, on=style.chance(0.6)),
+            CLUTTER,
+            segments=14,
+            top=radius * 0.7,
+        ),
     ]
     return Item(join(parts), 2 * radius, 2 * radius, foot + 0.16)
 
@@ -829,24 +1351,40 @@ def bin_(style: Style) -> Item:
     material = style.steel if style.chance(0.4) else style.any_colour()
     low = radius * style.between(0.75, 1.0)
     profile = [(0.0, 0.0), (low, 0.0), (radius, height)]
-    profile += [(radius * 0.9, height), (radius * 0.7, 0.03), (0.0, 0.03)] if style.chance(0.6) else [(radius * 0.8, height + 0.05), (0.0, height + 0.06)]
-    return Item(lathe(profile, material, CLUTTER, center=(0, radius), segments=16), 2 * radius, 2 * radius, height)
+    profile += (
+        [(radius * 0.9, height), (radius * 0.7, 0.03), (0.0, 0.03)]
+        if style.chance(0.6)
+        else [(radius * 0.8, height + 0.05), (0.0, height + 0.06)]
+    )
+    return Item(
+        lathe(profile, material, CLUTTER, center=(0, radius), segments=16),
+        2 * radius,
+        2 * radius,
+        height,
+    )
 
 
 def boxes(style: Style) -> Item:
     """Make a stack of cardboard boxes, or a basket."""
     rng = style.rng
-    card = style.materials.add(textures.package, hsv(rng.uniform(0.06, 0.1), rng.uniform(0.3, 0.5), rng.uniform(0.5, 0.75)))
+    card = style.materials.add(
+        textures.package,
+        hsv(rng.uniform(0.06, 0.1), rng.uniform(0.3, 0.5), rng.uniform(0.5, 0.75)),
+    )
     parts, z = [], 0.0
     width, depth = style.between(0.3, 0.5), style.between(0.28, 0.4)
     for _ in range(int(rng.integers(1, 4))):
         high = style.between(0.18, 0.35)
         part = box((-width / 2, -depth / 2, z), (width / 2, depth / 2, z + high), card, CLUTTER)
         part = part if z == 0 else part.moved(0, 0, 0, style.between(-0.3, 0.3))
-        from dataclasses import replace  # noqa: PLC0415
-
         # The print covers each side once.
-        parts.append(replace(part, uvs=np.tile(np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32), (6, 1)) * 0.999))
+        parts.append(
+            replace(
+                part,
+                uvs=np.tile(np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32), (6, 1))
+                * 0.999,
+            )
+        )
         z += high
         width, depth = width * style.between(0.7, 0.95), depth * style.between(0.7, 0.95)
     return Item(join(parts).moved(0, 0.22), 0.5, 0.44, z)
@@ -856,17 +1394,35 @@ def coat_rack(style: Style) -> Item:
     """Make hooks with coats on them over a bench with shoes."""
     width = style.between(0.6, 1.0)
     parts = [box((-width / 2, 0, 1.65), (width / 2, 0.025, 1.75), style.wood(), CLUTTER)]
-    for x in np.linspace(-width / 2 + 0.12, width / 2 - 0.12, int(style.rng.integers(2, 5))).tolist():
+    for x in np.linspace(
+        -width / 2 + 0.12, width / 2 - 0.12, int(style.rng.integers(2, 5))
+    ).tolist():
         parts.append(rod((x, 0.02, 1.68), (x, 0.08, 1.7), 0.008, style.steel, CLUTTER))
         if style.chance(0.75):
             long = style.between(0.3, 0.5)
-            parts.append(cushion((x, 0.12, 1.68 - long), (0.1, 0.07, long), style.cloth(), CLUTTER, roundness=0.6))
+            parts.append(
+                cushion(
+                    (x, 0.12, 1.68 - long),
+                    (0.1, 0.07, long),
+                    style.cloth(),
+                    CLUTTER,
+                    roundness=0.6,
+                )
+            )
     bench = table(style, width, 0.32, style.between(0.35, 0.45), CLUTTER)
     parts.append(bench.mesh)
     for x in np.arange(-width / 2 + 0.15, width / 2 - 0.1, 0.24).tolist():
         material = style.any_colour()
         parts += [
-            cushion((x + dx, 0.16, 0.05), (0.04, 0.13, 0.05), material, CLUTTER, roundness=0.6, rings=5, segments=10)
+            cushion(
+                (x + dx, 0.16, 0.05),
+                (0.04, 0.13, 0.05),
+                material,
+                CLUTTER,
+                roundness=0.6,
+                rings=5,
+                segments=10,
+            )
             for dx in (-0.05, 0.05)
         ]
     return Item(join(parts), width, 0.34, 1.75, bench.tops)
@@ -876,9 +1432,26 @@ def pot(style: Style) -> Item:
     """Make a cooking pot."""
     radius, height = style.between(0.08, 0.12), style.between(0.08, 0.16)
     material = style.steel if style.chance(0.6) else style.any_colour()
-    profile = [(0.0, 0.0), (radius, 0.0), (radius, height), (radius * 0.9, height + 0.01), (0.015, height + 0.03), (0.015, height + 0.05), (0.0, height + 0.05)]
+    profile = [
+        (0.0, 0.0),
+        (radius, 0.0),
+        (radius, height),
+        (radius * 0.9, height + 0.01),
+        (0.015, height + 0.03),
+        (0.015, height + 0.05),
+        (0.0, height + 0.05),
+    ]
     parts = [lathe(profile, material, CLUTTER, segments=16)]
-    parts += [rod((side * radius, 0, height * 0.75), (side * (radius + 0.05), 0, height * 0.75), 0.009, style.black, CLUTTER) for side in (-1, 1)]
+    parts += [
+        rod(
+            (side * radius, 0, height * 0.75),
+            (side * (radius + 0.05), 0, height * 0.75),
+            0.009,
+            style.black,
+            CLUTTER,
+        )
+        for side in (-1, 1)
+    ]
     return Item(join(parts), 2 * radius + 0.1, 2 * radius, height + 0.05)
 
 
@@ -898,12 +1471,24 @@ def cup(style: Style) -> Item:
     """Make a cup with a handle."""
     radius, height = style.between(0.03, 0.045), style.between(0.07, 0.11)
     material = style.any_colour()
-    profile = [(0.0, 0.0), (radius * 0.8, 0.0), (radius, height), (radius * 0.9, height), (radius * 0.7, 0.012), (0.0, 0.012)]
+    profile = [
+        (0.0, 0.0),
+        (radius * 0.8, 0.0),
+        (radius, height),
+        (radius * 0.9, height),
+        (radius * 0.7, 0.012),
+        (0.0, 0.012),
+    ]
     parts = [lathe(profile, material, CLUTTER, segments=12)]
-    points = [(radius, height * 0.8), (radius + 0.028, height * 0.7), (radius + 0.028, height * 0.35), (radius * 0.9, height * 0.25)]
+    points = [
+        (radius, height * 0.8),
+        (radius + 0.028, height * 0.7),
+        (radius + 0.028, height * 0.35),
+        (radius * 0.9, height * 0.25),
+    ]
     parts += [
         rod((a[0], 0, a[1]), (b[0], 0, b[1]), 0.005, material, CLUTTER, segments=5)
-        for a, b in zip(points[:-1], points[1:], strict=True)
+        for a, b in pairwise(points)
     ]
     return Item(join(parts), 0.12, 0.1, height)
 
@@ -911,12 +1496,32 @@ def cup(style: Style) -> Item:
 def bowl(style: Style) -> Item:
     """Make a bowl, sometimes with fruit."""
     radius, height = style.between(0.08, 0.14), style.between(0.05, 0.09)
-    profile = [(0.0, 0.0), (radius * 0.4, 0.0), (radius * 0.8, height * 0.5), (radius, height), (radius * 0.95, height), (radius * 0.7, height * 0.45), (0.0, 0.015)]
+    profile = [
+        (0.0, 0.0),
+        (radius * 0.4, 0.0),
+        (radius * 0.8, height * 0.5),
+        (radius, height),
+        (radius * 0.95, height),
+        (radius * 0.7, height * 0.45),
+        (0.0, 0.015),
+    ]
     parts = [lathe(profile, style.any_colour(), CLUTTER, segments=16)]
     if style.chance(0.5):
         for turn in (np.arange(4) * 1.6).tolist():
-            fruit = style.materials.colour(hsv(style.between(0.0, 0.3), 0.8, style.between(0.5, 0.9)))
-            parts.append(cushion((radius * 0.4 * np.cos(turn), radius * 0.4 * np.sin(turn), height), (0.035, 0.035, 0.033), fruit, CLUTTER, roundness=1.0, rings=6, segments=10))
+            fruit = style.materials.colour(
+                hsv(style.between(0.0, 0.3), 0.8, style.between(0.5, 0.9))
+            )
+            parts.append(
+                cushion(
+                    (radius * 0.4 * np.cos(turn), radius * 0.4 * np.sin(turn), height),
+                    (0.035, 0.035, 0.033),
+                    fruit,
+                    CLUTTER,
+                    roundness=1.0,
+                    rings=6,
+                    segments=10,
+                )
+            )
     return Item(join(parts), 2 * radius, 2 * radius, height + 0.03)
 
 
@@ -926,20 +1531,47 @@ def vase(style: Style) -> Item:
         item = plant(style, style.between(0.2, 0.35))
         return Item(item.mesh.moved(0, -item.depth / 2), 0.2, 0.2, item.height)
     height, radius = style.between(0.12, 0.3), style.between(0.04, 0.08)
-    profile = [(0.0, 0.0), (radius * 0.6, 0.0), (radius, height * 0.4), (radius * style.between(0.3, 0.7), height * 0.85), (radius * 0.6, height), (0.0, height * 0.97)]
-    return Item(lathe(profile, style.any_colour(), CLUTTER, segments=14), 2 * radius, 2 * radius, height)
+    profile = [
+        (0.0, 0.0),
+        (radius * 0.6, 0.0),
+        (radius, height * 0.4),
+        (radius * style.between(0.3, 0.7), height * 0.85),
+        (radius * 0.6, height),
+        (0.0, height * 0.97),
+    ]
+    return Item(
+        lathe(profile, style.any_colour(), CLUTTER, segments=14), 2 * radius, 2 * radius, height
+    )
 
 
 def some_bottle(style: Style) -> Item:
     """Make a bottle, one of any kind but the one that is looked for."""
     height, radius = style.between(0.18, 0.32), style.between(0.03, 0.042)
     hue = style.between(0.2, 0.65)
-    glass = style.materials.colour(hsv(hue, style.between(0.2, 0.8), style.between(0.2, 0.8)), gloss=0.3)
+    glass = style.materials.colour(
+        hsv(hue, style.between(0.2, 0.8), style.between(0.2, 0.8)), gloss=0.12
+    )
     neck = style.between(0.55, 0.75)
-    profile = [(0.0, 0.0), (radius, 0.0), (radius, height * neck), (radius * 0.38, height * (neck + 0.14)), (radius * 0.36, height), (0.0, height)]
+    profile = [
+        (0.0, 0.0),
+        (radius, 0.0),
+        (radius, height * neck),
+        (radius * 0.38, height * (neck + 0.14)),
+        (radius * 0.36, height),
+        (0.0, height),
+    ]
     parts = [
         lathe(profile, glass, CLUTTER, segments=12),
-        cylinder(0, 0, height * 0.15, height * 0.45, radius * 1.02, style.any_colour(), CLUTTER, segments=12),
+        cylinder(
+            0,
+            0,
+            height * 0.15,
+            height * 0.45,
+            radius * 1.02,
+            style.any_colour(),
+            CLUTTER,
+            segments=12,
+        ),
     ]
     return Item(join(parts), 2 * radius, 2 * radius, height)
 
@@ -948,16 +1580,33 @@ def book_pile(style: Style) -> Item:
     """Make a pile of books or papers."""
     parts, z = [], 0.0
     for _ in range(int(style.rng.integers(1, 6))):
-        half, deep, high = style.between(0.08, 0.15), style.between(0.06, 0.11), style.between(0.008, 0.035)
-        parts.append(box((-half, -deep, z), (half, deep, z + high), style.any_colour(), CLUTTER).moved(0, 0, 0, style.between(-0.4, 0.4)))
+        half, deep, high = (
+            style.between(0.08, 0.15),
+            style.between(0.06, 0.11),
+            style.between(0.008, 0.035),
+        )
+        parts.append(
+            box((-half, -deep, z), (half, deep, z + high), style.any_colour(), CLUTTER).moved(
+                0, 0, 0, style.between(-0.4, 0.4)
+            )
+        )
         z += high
     return Item(join(parts), 0.3, 0.24, z)
 
 
 def packet(style: Style) -> Item:
     """Make a packet of food or a box."""
-    half, deep, height = style.between(0.03, 0.1), style.between(0.02, 0.06), style.between(0.08, 0.3)
-    return Item(box((-half, -deep, 0), (half, deep, height), style.any_colour(), CLUTTER), 2 * half, 2 * deep, height)
+    half, deep, height = (
+        style.between(0.03, 0.1),
+        style.between(0.02, 0.06),
+        style.between(0.08, 0.3),
+    )
+    return Item(
+        box((-half, -deep, 0), (half, deep, height), style.any_colour(), CLUTTER),
+        2 * half,
+        2 * deep,
+        height,
+    )
 
 
 def kettle(style: Style) -> Item:
@@ -977,12 +1626,23 @@ def toaster(style: Style) -> Item:
     """Make a toaster, or a microwave oven."""
     if style.chance(0.5):
         parts = [
-            box((-0.24, -0.17, 0.01), (0.24, 0.16, 0.28), style.steel if style.chance(0.5) else style.white, CLUTTER),
+            box(
+                (-0.24, -0.17, 0.01),
+                (0.24, 0.16, 0.28),
+                style.steel if style.chance(0.5) else style.white,
+                CLUTTER,
+            ),
             box((-0.23, 0.16, 0.02), (0.12, 0.17, 0.27), style.black, CLUTTER),
         ]
         return Item(join(parts), 0.5, 0.36, 0.28)
     parts = [
-        cushion((0, 0, 0.1), (0.14, 0.09, 0.1), style.steel if style.chance(0.5) else style.any_colour(), CLUTTER, roundness=0.3),
+        cushion(
+            (0, 0, 0.1),
+            (0.14, 0.09, 0.1),
+            style.steel if style.chance(0.5) else style.any_colour(),
+            CLUTTER,
+            roundness=0.3,
+        ),
         box((-0.1, -0.03, 0.19), (0.1, -0.01, 0.201), style.black, CLUTTER),
         box((-0.1, 0.01, 0.19), (0.1, 0.03, 0.201), style.black, CLUTTER),
     ]
@@ -997,16 +1657,30 @@ def picture(style: Style, *, board: bool = False) -> Item:
     rng = style.rng
     if board:
         width, height = style.between(0.7, 1.6), style.between(0.5, 1.0)
-        colour = hsv(*[(0.1, 0.02, 0.95), (0.38, 0.5, 0.28), (0.09, 0.5, 0.62), (0.6, 0.1, 0.2)][int(rng.integers(4))])
+        colour = hsv(
+            *[(0.1, 0.02, 0.95), (0.38, 0.5, 0.28), (0.09, 0.5, 0.62), (0.6, 0.1, 0.2)][
+                int(rng.integers(4))
+            ]
+        )
         inside = style.materials.add(textures.writing, colour)
     else:
         width, height = style.between(0.3, 1.1), style.between(0.3, 0.9)
-        inside = style.materials.add(textures.painting, hsv(rng.random(), rng.uniform(0, 0.8), rng.uniform(0.2, 0.95)))
+        inside = style.materials.add(
+            textures.painting, hsv(rng.random(), rng.uniform(0, 0.8), rng.uniform(0.2, 0.95))
+        )
     frame, edge = style.leg(), style.between(0.012, 0.05)
     half = width / 2
     parts = [
         box((-half, 0, 0), (half, 0.02, height), frame, BOARD, cell=0.5),
-        rectangle((half - edge, 0.0205, edge), (-width + 2 * edge, 0, 0), (0, 0, height - 2 * edge), inside, BOARD, cell=0.5, fit=True),
+        rectangle(
+            (half - edge, 0.0205, edge),
+            (-width + 2 * edge, 0, 0),
+            (0, 0, height - 2 * edge),
+            inside,
+            BOARD,
+            cell=0.5,
+            fit=True,
+        ),
     ]
     if board:
         parts.append(box((-half * 0.6, 0.02, -0.02), (half * 0.6, 0.07, 0.0), frame, BOARD))
@@ -1035,12 +1709,20 @@ def radiator(style: Style, width: float) -> Item:
     return Item(join(parts), width, 0.1, height + 0.1)
 
 
-def curtain(style: Style, width: float, low: float, high: float) -> Mesh:
+def curtain(material: int, width: float, low: float, high: float) -> Mesh:
     """Make a curtain that hangs in folds, from low to high."""
     folds = max(3, int(width / 0.09))
-    material = style.cloth()
     return join(
-        cylinder((index + 0.5) / folds * width - width / 2, 0.08, low, high, 0.045, material, CLUTTER, segments=7)
+        cylinder(
+            (index + 0.5) / folds * width - width / 2,
+            0.08,
+            low,
+            high,
+            0.045,
+            material,
+            CLUTTER,
+            segments=7,
+        )
         for index in range(folds)
     )
 
@@ -1055,18 +1737,34 @@ def ceiling_lamp(style: Style, height: float, *, on: bool) -> Item:
     elif kind == 1:
         drop = style.between(0.2, 0.4)
         low = height - drop - 0.13
-        part = join([
-            cushion((0, 0, height - drop), (0.13, 0.13, 0.13), shade, CLUTTER, roundness=1.0),
-            rod((0, 0, height - drop), (0, 0, height), 0.005, style.black, CLUTTER, segments=4),
-        ])
+        part = join(
+            [
+                cushion((0, 0, height - drop), (0.13, 0.13, 0.13), shade, CLUTTER, roundness=1.0),
+                rod(
+                    (0, 0, height - drop), (0, 0, height), 0.005, style.black, CLUTTER, segments=4
+                ),
+            ]
+        )
     else:
         drop = style.between(0.3, 0.5)
         low = height - drop - 0.2
-        part = join([
-            cylinder(0, 0, height - drop - 0.15, height - drop, style.between(0.15, 0.25), shade, CLUTTER, segments=18, top=style.between(0.05, 0.15)),
-            rod((0, 0, height - drop), (0, 0, height), 0.005, style.black, CLUTTER, segments=4),
-        ])
+        part = join(
+            [
+                cylinder(
+                    0,
+                    0,
+                    height - drop - 0.15,
+                    height - drop,
+                    style.between(0.15, 0.25),
+                    shade,
+                    CLUTTER,
+                    segments=18,
+                    top=style.between(0.05, 0.15),
+                ),
+                rod(
+                    (0, 0, height - drop), (0, 0, height), 0.005, style.black, CLUTTER, segments=4
+                ),
+            ]
+        )
     lamps = ((0.0, 0.0, low - 0.12, style.between(1.6, 3.2)),) if on else ()
     return Item(part, 0.5, 0.5, height, (), lamps)
-
-

@@ -1,3 +1,4 @@
+# ruff: noqa: PLR2004 - sizes of things
 """The things of AVD that are looked for, as small shapes with colours like theirs."""
 
 from __future__ import annotations
@@ -93,11 +94,19 @@ def make_instance(style: Style, number: int) -> Mesh:
 
 def _cola(style: Style, size: tuple[float, float, float], colour: Colour) -> Mesh:
     radius, height = size[0] / 2, size[2]
-    glass = style.materials.colour(colour, gloss=0.45)
+    glass = style.materials.colour(colour, gloss=0.12)
     label = style.materials.add(textures.cola, (0.8, 0.05, 0.07), gloss=0.05)
     cap = style.materials.colour((0.75, 0.08, 0.08), gloss=0.1)
     below = [(0.0, 0.0), (0.8, 0.0), (0.92, 0.03), (0.95, 0.12), (0.86, 0.27), (0.88, 0.3)]
-    above = [(0.99, 0.52), (0.97, 0.58), (0.8, 0.66), (0.52, 0.76), (0.4, 0.86), (0.42, 0.93), (0.0, 0.93)]
+    above = [
+        (0.99, 0.52),
+        (0.97, 0.58),
+        (0.8, 0.66),
+        (0.52, 0.76),
+        (0.4, 0.86),
+        (0.42, 0.93),
+        (0.0, 0.93),
+    ]
 
     def turned(points: list[tuple[float, float]], material: int, *, fit: bool = False) -> Mesh:
         profile = [(r * radius, z * height) for r, z in points]
@@ -115,9 +124,9 @@ def _cola(style: Style, size: tuple[float, float, float], colour: Colour) -> Mes
 
 def _bottle(style: Style, size: tuple[float, float, float], colour: Colour) -> Mesh:
     width, depth, height = size
-    body = style.materials.colour(colour, gloss=0.15)
+    body = style.materials.colour(colour, gloss=0.06)
     label = style.materials.add(textures.package, _CREAM)
-    cap = style.materials.colour(_WHITE if sum(colour) < 1.5 else _BLACK)  # noqa: PLR2004
+    cap = style.materials.colour(_WHITE if sum(colour) < 1.5 else _BLACK)
     radius = width / 2
 
     def turned(points: list[tuple[float, float]], material: int, *, fit: bool = False) -> Mesh:
@@ -158,13 +167,26 @@ def _box(style: Style, size: tuple[float, float, float], colour: Colour) -> Mesh
 
 def _plate(style: Style, size: tuple[float, float, float], colour: Colour) -> Mesh:
     radius, height = size[0] / 2, size[2]
-    profile = [(0.0, 0.0), (radius * 0.65, 0.0), (radius, height), (radius * 0.6, 0.006), (0.0, 0.006)]
+    profile = [
+        (0.0, 0.0),
+        (radius * 0.65, 0.0),
+        (radius, height),
+        (radius * 0.6, 0.006),
+        (0.0, 0.006),
+    ]
     return lathe(profile, style.materials.colour(colour), CLUTTER, segments=24)
 
 
 def _cup(style: Style, size: tuple[float, float, float], colour: Colour) -> Mesh:
     radius, height = size[0] / 2, size[2]
-    profile = [(0.0, 0.0), (radius * 0.68, 0.0), (radius, height), (radius * 0.94, height), (radius * 0.64, 0.01), (0.0, 0.01)]
+    profile = [
+        (0.0, 0.0),
+        (radius * 0.68, 0.0),
+        (radius, height),
+        (radius * 0.94, height),
+        (radius * 0.64, 0.01),
+        (0.0, 0.01),
+    ]
     return lathe(profile, style.materials.colour(colour, gloss=0.1), CLUTTER, segments=18)
 
 

@@ -1,3 +1,4 @@
+# ruff: noqa: PLR2004 - sizes of things
 """Floor plans: rooms, the openings between them, and windows."""
 
 from __future__ import annotations
@@ -93,22 +94,20 @@ class Layout(NamedTuple):
     openings: tuple[Opening, ...]
 
 
-def draw_layout(rng: np.random.Generator, area: float) -> Layout | None:
+def draw_layout(rng: np.random.Generator, area: float, count: int) -> Layout | None:
     """Draw a flat.
 
     Args:
         rng: Source of the draws.
         area: Square metres.
+        count: Number of rooms, as in `KINDS`.
 
     Returns:
         The flat, or None if what was drawn is of no use.
     """
-    most = 6 if area > 46 else 5 if area > 34 else 4  # noqa: PLR2004 - square metres
-    fewest = 3 if area < 60 else 4  # noqa: PLR2004
-    count = int(rng.integers(fewest, most + 1))
     aspect = rng.uniform(1.0, 1.65)
     width, depth = float(np.sqrt(area * aspect)), float(np.sqrt(area / aspect))
-    corridor = count >= 5 and rng.random() < 0.6  # noqa: PLR2004
+    corridor = count >= 5 and rng.random() < 0.6
     gross = _corridor(rng, width, depth, count) if corridor else _split(rng, width, depth, count)
     if gross is None:
         return None
@@ -125,7 +124,7 @@ def draw_layout(rng: np.random.Generator, area: float) -> Layout | None:
     if doors is None:
         return None
     height = float(rng.uniform(2.4, 2.8))
-    openings = doors + _windows(rng, rooms, doors, width, depth, height)
+    openings = doors + _windows(rng, rooms, width, depth, height)
     return Layout(width, depth, height, inner, outer, tuple(rooms), tuple(openings))
 
 
@@ -158,7 +157,7 @@ def _corridor(
     if deep == 1 and lower > 1:
         end = float(first[-2])
         rooms[lower - 1][3] = below + hall
-    elif deep == 2 and upper > 1:  # noqa: PLR2004
+    elif deep == 2 and upper > 1:
         end = float(second[-2])
         rooms[-1][1] = below
     extra.append([0.0, below, end, below + hall])
@@ -198,7 +197,7 @@ def _name(
     """Say what the rooms are, by their sizes, and take their halves of the walls from them."""
     half = inner / 2
     net = gross + np.array([half, half, -half, -half])
-    net[:, :2] = np.where(gross[:, :2] < 1e-6, 0.0, net[:, :2])  # noqa: PLR2004
+    net[:, :2] = np.where(gross[:, :2] < 1e-6, 0.0, net[:, :2])
     limit = np.array([width, depth])
     net[:, 2:] = np.where(gross[:, 2:] > limit - 1e-6, limit, net[:, 2:])
     areas = (gross[:, 2] - gross[:, 0]) * (gross[:, 3] - gross[:, 1])
@@ -216,7 +215,7 @@ def _name(
         names[hall] = 'hall'
         left.remove(hall)
     left.sort(key=lambda room: -float(areas[room]))
-    if len(kinds) > 3 and rng.random() < 0.4:  # noqa: PLR2004
+    if len(kinds) > 3 and rng.random() < 0.4:
         kinds[1], kinds[2] = kinds[2], kinds[1]
     for room, kind in zip(left, kinds, strict=True):
         names[room] = kind
@@ -260,12 +259,12 @@ def _doors(rng: np.random.Generator, rooms: list[Room], inner: float) -> list[Op
     doors = []
     for cost, first, second, side, start, end in sorted(edges):
         joined = group[first] == group[second]
-        extra = cost < 1.0 and rng.random() < 0.3  # noqa: PLR2004
+        extra = cost < 1.0 and rng.random() < 0.3
         if joined and not extra:
             continue
         group = [group[first] if g == group[second] else g for g in group]
-        kinds = {rooms[first].kind, rooms[second].kind}
-        open_plan = kinds <= {'living', 'kitchen', 'hall'} and end - start > 2.0  # noqa: PLR2004
+        kinds = frozenset({rooms[first].kind, rooms[second].kind})
+        open_plan = kinds <= {'living', 'kitchen', 'hall'} and end - start > 2.0
         if open_plan and rng.random() < 0.5:
             kind, width, high = 'wide', rng.uniform(1.1, min(2.2, end - start - 0.5)), 2.2
         else:
@@ -281,7 +280,6 @@ def _doors(rng: np.random.Generator, rooms: list[Room], inner: float) -> list[Op
 def _windows(
     rng: np.random.Generator,
     rooms: list[Room],
-    doors: list[Opening],
     width: float,
     depth: float,
     height: float,
@@ -302,7 +300,7 @@ def _windows(
     for index, side in outer:
         room = rooms[index]
         start, end = room.side(side)
-        if (index, side) == entry or end - start < 1.2 or rng.random() < 0.15:  # noqa: PLR2004
+        if (index, side) == entry or end - start < 1.2 or rng.random() < 0.15:
             continue
         small = room.kind in {'bath', 'hall'}
         wide = float(rng.uniform(0.5, 0.8) if small else rng.uniform(0.9, 1.9))
@@ -310,11 +308,11 @@ def _windows(
         low = sill
         if small:
             low = max(sill, top - 0.8)
-        elif room.kind == 'living' and rng.random() < 0.35:  # noqa: PLR2004
+        elif room.kind == 'living' and rng.random() < 0.35:
             low = 0.06
         at = start + 0.25 + float(rng.uniform(0.2, 0.8)) * (end - start - wide - 0.5)
         openings.append(Opening('window', index, side, -1, at, at + wide, low, top))
-        if end - at - wide > 1.6 and not small:  # noqa: PLR2004
+        if end - at - wide > 1.6 and not small:
             more = min(wide, end - at - wide - 0.6)
             begin = at + wide + 0.35
             openings.append(Opening('window', index, side, -1, begin, begin + more, low, top))

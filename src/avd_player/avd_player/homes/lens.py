@@ -65,9 +65,7 @@ class Lens(NamedTuple):
             power = power * theta * theta
             total = total + k * power
         scale = np.where(radius > 0, theta * total / np.maximum(radius, 1e-12), 1.0)
-        return np.stack(
-            [camera.fx * x * scale + camera.cx, camera.fy * y * scale + camera.cy], -1
-        )
+        return np.stack([camera.fx * x * scale + camera.cx, camera.fy * y * scale + camera.cy], -1)
 
 
 AVD_LENS = Lens(

@@ -1,3 +1,4 @@
+# ruff: noqa: PLR2004 - sizes of things
 """Triangles with what is known about them, and the shapes that homes are made of.
 
 Lengths are in metres. Normals point out of what is solid: whether a ray starts inside of
@@ -173,9 +174,9 @@ _CUBE_CORNERS = np.stack(
     axis=1,
 )
 _CUBE_NORMALS = np.repeat(np.cross(_CUBE[:, 1], _CUBE[:, 2]), 4, axis=0)
-_CUBE_FACES = (
-    np.array([[0, 1, 2], [0, 2, 3]])[None] + 4 * np.arange(6)[:, None, None]
-).reshape(-1, 3)
+_CUBE_FACES = (np.array([[0, 1, 2], [0, 2, 3]])[None] + 4 * np.arange(6)[:, None, None]).reshape(
+    -1, 3
+)
 _CUBE_AXES = np.abs(_CUBE[:, 1:]).argmax(-1)
 
 
@@ -200,7 +201,9 @@ def box(
     size = np.array(high, np.float64) - start
     if cell and size.max() > cell:
         return join(
-            rectangle(start + side[0] * size, side[1] * size, side[2] * size, material, label, cell=cell)
+            rectangle(
+                start + side[0] * size, side[1] * size, side[2] * size, material, label, cell=cell
+            )
             for side in _CUBE
         )
     extents = size[_CUBE_AXES]
@@ -218,9 +221,7 @@ def box(
     )
 
 
-def smooth_normals(
-    vertices: NDArray[np.float64], faces: NDArray[np.int32]
-) -> NDArray[np.float64]:
+def smooth_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
     """Return the mean directions of the triangles around each vertex, (V, 3)."""
     corners = vertices[faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -267,7 +268,7 @@ def lathe(
     )
     corners = vertices[faces]
     area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    faces = faces[np.abs(area).max(1) > 1e-12]  # noqa: PLR2004 - triangles without an area
+    faces = faces[np.abs(area).max(1) > 1e-12]
     if fit:
         uvs = np.stack([turns[:, 0], (heights[ring] - heights[0]) / np.ptp(heights)], 1)
     else:
@@ -276,20 +277,35 @@ def lathe(
 
 
 def cylinder(
-    x: float, y: float, low: float, high: float, radius: float, material: int, label: int,
-    *, segments: int = 12, top: float | None = None,
+    x: float,
+    y: float,
+    low: float,
+    high: float,
+    radius: float,
+    material: int,
+    label: int,
+    *,
+    segments: int = 12,
+    top: float | None = None,
 ) -> Mesh:
     """Return an upright cylinder, or a cone's stump where the radius of its top is another."""
     above = radius if top is None else top
-    ends = [(0.0, low), (radius, low)], [(radius, low), (above, high)], [(above, high), (0.0, high)]
-    return join(
-        lathe(part, material, label, center=(x, y), segments=segments) for part in ends
+    ends = (
+        [(0.0, low), (radius, low)],
+        [(radius, low), (above, high)],
+        [(above, high), (0.0, high)],
     )
+    return join(lathe(part, material, label, center=(x, y), segments=segments) for part in ends)
 
 
 def rod(
-    start: Sequence[float], end: Sequence[float], radius: float, material: int, label: int,
-    *, segments: int = 6,
+    start: Sequence[float],
+    end: Sequence[float],
+    radius: float,
+    material: int,
+    label: int,
+    *,
+    segments: int = 6,
 ) -> Mesh:
     """Return a round rod between two points."""
     first = np.array(start, np.float64)
@@ -297,7 +313,7 @@ def rod(
     length = float(np.linalg.norm(along))
     upright = cylinder(0.0, 0.0, 0.0, length, radius, material, label, segments=segments)
     z = along / length
-    x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)  # noqa: PLR2004
+    x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
     x /= np.linalg.norm(x)
     turn = np.stack([x, np.cross(z, x), z]).astype(np.float32)
     return replace(
@@ -308,8 +324,15 @@ def rod(
 
 
 def cushion(
-    center: Sequence[float], half: Sequence[float], material: int, label: int,
-    *, roundness: float = 0.45, rings: int = 8, segments: int = 16, tilt: float = 0.0,
+    center: Sequence[float],
+    half: Sequence[float],
+    material: int,
+    label: int,
+    *,
+    roundness: float = 0.45,
+    rings: int = 8,
+    segments: int = 16,
+    tilt: float = 0.0,
 ) -> Mesh:
     """Return a rounded box (superellipsoid): a ball at roundness 1, nearly a box at 0.2.
 
@@ -327,20 +350,22 @@ def cushion(
     around, up = points[:, 0] * 2 * np.pi, (points[:, 1] - 0.5) * np.pi
 
     def power(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        values = np.where(np.abs(values) < 1e-9, 0.0, values)  # noqa: PLR2004
+        values = np.where(np.abs(values) < 1e-9, 0.0, values)
         return np.sign(values) * np.abs(values) ** roundness
 
     unit = np.stack(
-        [power(np.cos(up)) * power(np.cos(around)), power(np.cos(up)) * power(np.sin(around)),
-         power(np.sin(up))], axis=1,
+        [
+            power(np.cos(up)) * power(np.cos(around)),
+            power(np.cos(up)) * power(np.sin(around)),
+            power(np.sin(up)),
+        ],
+        axis=1,
     )
     vertices = unit * np.array(half)
     corners = vertices[faces]
     area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    faces = faces[np.abs(area).max(1) > 1e-12]  # noqa: PLR2004
+    faces = faces[np.abs(area).max(1) > 1e-12]
     normals = smooth_normals(vertices, faces)
-    turn = np.array(
-        [[1, 0, 0], [0, np.cos(tilt), np.sin(tilt)], [0, -np.sin(tilt), np.cos(tilt)]]
-    )
+    turn = np.array([[1, 0, 0], [0, np.cos(tilt), np.sin(tilt)], [0, -np.sin(tilt), np.cos(tilt)]])
     uvs = vertices[:, :2] + vertices[:, 2:] * 0.7
     return mesh(vertices @ turn + np.array(center), normals @ turn, uvs, faces, material, label)

@@ -33,7 +33,8 @@ class Caster:
                 f'libusb-1.0-0 and libgl1): {error}.'
             )
             raise ValueError(msg) from None
-        self._tensor = open3d.core.Tensor
+        library: Any = open3d.core
+        self._tensor = library.Tensor
         self._scene: Any = RaycastingScene(nthreads=1)
         self._scene.add_triangles(
             self._tensor(np.ascontiguousarray(mesh.vertices)),

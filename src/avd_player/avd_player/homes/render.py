@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -17,9 +17,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from avd_player.homes.plan import Home
+    from avd_player.homes.home import Home
     from avd_player.homes.textures import Material
     from gridnav.rgbd import Camera
+
+LEAST_GLOSS = 0.05
+"""Less glossy surfaces mirror nothing."""
 
 BRIGHTNESS = 0.2
 """Mean of the light that exposure aims at, from 0 to 1."""
@@ -75,9 +78,9 @@ class HomeRenderer:
         self._gloss = np.array([material.gloss for material in home.materials], np.float32)
         self._atlas = _atlas(home.materials)
         self._linear = ((np.arange(256) / 255.0) ** GAMMA).astype(np.float32)
-        self._screen = (
-            (np.linspace(0.0, 1.0, 4096) ** (1 / GAMMA)) * 255.0 + 0.5
-        ).astype(np.uint8)
+        self._screen = ((np.linspace(0.0, 1.0, 4096) ** (1 / GAMMA)) * 255.0 + 0.5).astype(
+            np.uint8
+        )
         self.set_camera(camera)
 
     def set_camera(self, camera: Camera | Lens) -> None:
@@ -102,28 +105,39 @@ class HomeRenderer:
         rays = np.empty((*shape, 6), np.float32)
         rays[..., :3] = camera_to_world[:3, 3]
         rays[..., 3:] = self._directions @ camera_to_world[:3, :3].T.astype(np.float32)
-        hit = self.caster.cast(rays.reshape(-1, 6))
-        triangles = hit['primitive_ids']
-        seen = triangles != NOTHING
-        triangles = np.where(seen, triangles, 0).astype(np.int64)
+        rays = rays.reshape(-1, 6)
+        hit = self.caster.cast(rays)
+        seen = hit['primitive_ids'] != NOTHING
+        triangles = np.where(seen, hit['primitive_ids'], 0).astype(np.int64)
         depth = np.where(seen, hit['t_hit'], np.float32(0.0))
         mesh = self.home.mesh
-        rgb = self._shade(triangles, hit['primitive_uvs'], depth)
+        light = self.radiance(triangles, hit['primitive_uvs'], depth)
+        self._add_mirrored(light, triangles, rays, hit)
         labels = np.where(seen, mesh.labels[triangles], np.uint8(UNLABELLED))
         instances = np.where(seen, mesh.instances[triangles], np.uint8(0))
         return Picture(
-            rgb.reshape(*shape, 3),
+            self.expose(light).reshape(*shape, 3),
             depth.reshape(shape),
             labels.reshape(shape),
             instances.reshape(shape),
         )
 
-    def _shade(
+    def radiance(
         self,
         triangles: NDArray[np.int64],
         weights: NDArray[np.float32],
         depth: NDArray[np.float32],
-    ) -> NDArray[np.uint8]:
+    ) -> NDArray[np.float32]:
+        """Return the light that comes from points of triangles.
+
+        Args:
+            triangles: Their numbers, (N,).
+            weights: Of the second and third corner, (N, 2).
+            depth: From where they are seen, for the size of the texture, metres, (N,).
+
+        Returns:
+            Red, green and blue, linear, (N, 3).
+        """
         corners = self._corners[triangles]
         u, v = weights[:, :1], weights[:, 1:]
         mixed = corners[:, 0] * (1 - u - v) + corners[:, 1] * u + corners[:, 2] * v
@@ -135,11 +149,43 @@ class HomeRenderer:
         place = np.floor(mixed[:, 3:]).astype(np.int32) & (SIZE - 1)
         place >>= level[:, None]
         index = _STARTS[level] + materials * _TEXELS + place[:, 1] * side + place[:, 0]
-        light = self._linear[self._atlas[index]] * mixed[:, :3]
+        light: NDArray[np.float32] = self._linear[self._atlas[index]] * mixed[:, :3]
+        return light
+
+    def _add_mirrored(
+        self,
+        light: NDArray[np.float32],
+        triangles: NDArray[np.int64],
+        rays: NDArray[np.float32],
+        hit: dict[str, NDArray[Any]],
+    ) -> None:
+        """Add what glossy surfaces mirror."""
+        gloss = self._gloss[self.home.mesh.materials[triangles]]
+        glossy = np.flatnonzero(gloss >= LEAST_GLOSS)
+        if not len(glossy):
+            return
+        # As if the surface were flat: round things mirror light in facets.
+        normals = hit['primitive_normals'][glossy]
+        way = rays[glossy, 3:]
+        along = way / np.sqrt((way**2).sum(1, keepdims=True))
+        slope = (along * normals).sum(1, keepdims=True)
+        mirrored = along - 2 * slope * normals
+        start = rays[glossy, :3] + hit['t_hit'][glossy, None] * way + normals * np.float32(0.002)
+        second = self.caster.cast(np.concatenate([start, mirrored], 1, dtype=np.float32))
+        found = second['primitive_ids'] != NOTHING
+        other = np.where(found, second['primitive_ids'], 0).astype(np.int64)
+        far = np.where(found, second['t_hit'] + hit['t_hit'][glossy], np.float32(0.0))
+        # Flat views mirror more (Schlick).
+        share = gloss[glossy, None] + (1 - gloss[glossy, None]) * (1 + slope).clip(0, 1) ** 5
+        share *= found[:, None]
+        mirror = self.radiance(other, second['primitive_uvs'], far)
+        light[glossy] = (1 - share) * light[glossy] + share * mirror
+
+    def expose(self, light: NDArray[np.float32]) -> NDArray[np.uint8]:
+        """Turn the light of a picture into its colours, uint8 (N, 3)."""
         mean = float(light.mean())
         # As in a camera, exposure makes up for most of what is too dark or too bright.
-        gain = np.float32(BRIGHTNESS / max(mean, 1e-4)) ** np.float32(0.8)
-        light *= np.float32(gain)
+        light = light * (np.float32(BRIGHTNESS / max(mean, 1e-4)) ** np.float32(0.8))
         light = light / (1.0 + 0.35 * light) * np.float32(1.25)
         return self._screen[(light.clip(0.0, 1.0) * np.float32(4095.0)).astype(np.int32)]
 

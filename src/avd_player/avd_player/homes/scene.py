@@ -17,7 +17,7 @@ from gridnav.rgbd import CameraMount
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from avd_player.homes.plan import Home
+    from avd_player.homes.home import Home
     from avd_player.homes.render import Picture
 
 HEADINGS = 12
@@ -73,9 +73,6 @@ class SceneSettings:
         """Refuse what can't be drawn."""
         if not (16 <= self.width <= FULL_SIZE[0] and 16 <= self.height <= FULL_SIZE[1]):  # noqa: PLR2004
             msg = f'Images have 16 x 16 to 1920 x 1080 pixels, not {self.width} x {self.height}.'
-            raise ValueError(msg)
-        if self.positions < 1:
-            msg = f'A home has at least one position, not {self.positions}.'
             raise ValueError(msg)
         if not 0.0 <= self.jitter <= 10.0:  # noqa: PLR2004
             msg = f'jitter is from 0 to 10, not {self.jitter:g}.'

@@ -122,7 +122,12 @@ def write_homes(
         OSError: If something can't be written.
     """
     settings = settings or SceneSettings()
-    for name, value, low in (('scenes', scenes, 1), ('first', first, 1), ('workers', workers, 1), ('seed', seed, 0)):
+    for name, value, low in (
+        ('scenes', scenes, 1),
+        ('first', first, 1),
+        ('workers', workers, 1),
+        ('seed', seed, 0),
+    ):
         if value < low:
             msg = f'{name} is a whole number from {low}, not {value}.'
             raise ValueError(msg)

@@ -1,3 +1,4 @@
+# ruff: noqa: PLR2004 - sizes of things
 """Textures that are drawn, not taken: wood, tiles, plaster, cloth and what hangs on walls.
 
 Each is a square of `SIZE` pixels, and all but pictures can be repeated without a seam.
@@ -43,7 +44,9 @@ class Material(NamedTuple):
 
 def hsv(hue: float, saturation: float, value: float) -> Colour:
     """Return a colour by its hue, saturation and value, each from 0 to 1."""
-    return colorsys.hsv_to_rgb(hue % 1.0, min(max(saturation, 0.0), 1.0), min(max(value, 0.0), 1.0))
+    return colorsys.hsv_to_rgb(
+        hue % 1.0, min(max(saturation, 0.0), 1.0), min(max(value, 0.0), 1.0)
+    )
 
 
 def noise(rng: np.random.Generator, roughness: float, stretch: float = 1.0) -> NDArray[np.float32]:
@@ -180,16 +183,19 @@ def metal(rng: np.random.Generator, colour: Colour) -> NDArray[np.uint8]:
 
 
 def concrete(rng: np.random.Generator, colour: Colour) -> NDArray[np.uint8]:
-    """Draw concrete, or brick if the draw says so."""
-    shade = 0.05 * noise(rng, 5) + 0.04 * noise(rng, 50)
-    if rng.random() < 0.4:
-        v, u = np.mgrid[0:SIZE, 0:SIZE] / SIZE
-        row = np.floor(v * 12).astype(int)
-        shifted = u * 4 + 0.5 * (row % 2)
-        brick = row * 4 + np.floor(shifted).astype(int) % 4
-        shade = shade + rng.normal(0, 0.12, 48)[brick]
-        shade = np.where(((v * 12) % 1 < 0.12) | (shifted % 1 < 0.04), 0.35, shade)
-    return _finish(_paint(colour, shade.astype(np.float32)))
+    """Draw concrete or rough stone."""
+    return _finish(_paint(colour, 0.03 * noise(rng, 5) + 0.04 * noise(rng, 50)))
+
+
+def bricks(rng: np.random.Generator, colour: Colour) -> NDArray[np.uint8]:
+    """Draw a wall of bricks."""
+    v, u = np.mgrid[0:SIZE, 0:SIZE] / SIZE
+    row = np.floor(v * 12).astype(int)
+    shifted = u * 4 + 0.5 * (row % 2)
+    brick = row * 4 + np.floor(shifted).astype(int) % 4
+    shade = rng.normal(0, rng.uniform(0.02, 0.12), 48)[brick] + 0.04 * noise(rng, 40)
+    joint = ((v * 12) % 1 < 0.12) | (shifted % 1 < 0.04)
+    return _finish(_paint(colour, np.where(joint, rng.uniform(-0.3, 0.35), shade)))
 
 
 def leaves(rng: np.random.Generator, colour: Colour) -> NDArray[np.uint8]:
@@ -268,15 +274,25 @@ def spines(rng: np.random.Generator, _colour: Colour) -> NDArray[np.uint8]:
 
 
 def outside(rng: np.random.Generator, _colour: Colour) -> NDArray[np.uint8]:
-    """Draw what is seen through a window: sky and what is below; to be stretched once."""
-    v, _ = np.mgrid[0:SIZE, 0:SIZE] / SIZE
+    """Draw what is seen through a window: sky, and trees or houses; to be stretched once."""
+    v, u = np.mgrid[0:SIZE, 0:SIZE] / SIZE
     sky = np.array(hsv(rng.uniform(0.52, 0.62), rng.uniform(0.05, 0.5), 0.97), np.float32)
-    picture = sky * (1.0 - 0.15 * (1 - v[..., None])) + 0.05 * noise(rng, 5, 0.5)[..., None]
-    if rng.random() < 0.8:
-        horizon = rng.uniform(0.15, 0.6) + 0.05 * noise(rng, rng.choice([3, 10, 20]))[0]
-        ground = hsv(rng.uniform(0.05, 0.4), rng.uniform(0.1, 0.6), rng.uniform(0.25, 0.6))
-        below = v < horizon[None]
-        picture[below] = _paint(ground, 0.2 * noise(rng, 20))[below]
+    picture = sky * (0.9 + 0.1 * v[..., None].astype(np.float32))
+    picture += 0.03 * noise(rng, 4, 0.5)[..., None]
+    kind = rng.random()
+    if kind < 0.5:
+        for depth in range(3):
+            crowns = rng.uniform(0.2, 0.55) - 0.1 * depth + 0.04 * noise(rng, 6)[0]
+            green = hsv(rng.uniform(0.15, 0.4), rng.uniform(0.2, 0.6), 0.6 - 0.15 * depth)
+            below = v < crowns + 0.01 * noise(rng, 50)
+            picture[below] = _paint(green, 0.1 * noise(rng, 30))[below]
+    elif kind < 0.85:
+        wall = hsv(rng.uniform(0, 0.15), rng.uniform(0.05, 0.5), rng.uniform(0.4, 0.85))
+        house = (v < rng.uniform(0.4, 0.95)) & (np.abs(u - rng.random()) < rng.uniform(0.2, 0.6))
+        picture[house] = _paint(wall, 0.03 * noise(rng, 40))[house]
+        count = rng.integers(3, 7)
+        window = house & ((u * count) % 1 > 0.55) & ((v * count) % 1 > 0.45)
+        picture[window] = hsv(0.6, 0.2, rng.uniform(0.15, 0.4))
     return _finish(picture.astype(np.float32))
 
 

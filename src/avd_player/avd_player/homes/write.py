@@ -178,16 +178,15 @@ def _write_structs(
             target('left', index),
         )
     buffer = io.BytesIO()
-    savemat(buffer, {'image_structs': structs, 'scale': scan.scale}, do_compression=True)
+    scale = np.int32(scan.scale)  # some readers ask for a whole number
+    savemat(buffer, {'image_structs': structs, 'scale': scale}, do_compression=True)
     content = bytearray(buffer.getvalue())
     # The text at the beginning has the time of day in it.
     content[:116] = _HEADER.ljust(116)
     (folder / 'image_structs.mat').write_bytes(content)
 
 
-def _turned_heading(
-    poses: NDArray[np.float64], index: int, other: int
-) -> NDArray[np.float64]:
+def _turned_heading(poses: NDArray[np.float64], index: int, other: int) -> NDArray[np.float64]:
     """Return where an image looks by another one at its position, turned in the plane x-z."""
     angle = (index - other) * 2 * np.pi / HEADINGS
     x, y, z = poses[other, :3, 2]

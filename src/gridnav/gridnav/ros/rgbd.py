@@ -3,41 +3,41 @@
 from __future__ import annotations
 
 import array
-import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, Quaternion
 from sensor_msgs.msg import CameraInfo, Image
 
+from gridnav.images import (
+    COLOR_ENCODINGS,
+    DEPTH_ENCODINGS,
+    check_camera,
+    check_image,
+    decode_camera,
+    decode_image,
+)
 from gridnav.rgbd import Camera, Pose3D
 from gridnav.ros.conversions import header
 from gridnav.ros.validation import InvalidMessage, validate_header
+
+__all__ = [
+    'COLOR_ENCODINGS',
+    'DEPTH_ENCODINGS',
+    'from_camera_info',
+    'from_image',
+    'from_pose_3d',
+    'to_camera_info',
+    'to_image',
+    'to_pose_3d',
+    'validate_camera_info',
+    'validate_image',
+]
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
     from numpy.typing import NDArray
-
-COLOR_ENCODINGS = ('rgb8', 'bgr8', 'rgba8', 'bgra8', 'mono8')
-"""Colour as it is understood."""
-
-DEPTH_ENCODINGS = ('16UC1', '32FC1')
-"""Depth as it is understood: millimetres and metres."""
-
-_LAYOUTS: dict[str, tuple[type, int]] = {
-    'rgb8': (np.uint8, 3),
-    'bgr8': (np.uint8, 3),
-    'rgba8': (np.uint8, 4),
-    'bgra8': (np.uint8, 4),
-    'mono8': (np.uint8, 1),
-    '16UC1': (np.uint16, 1),
-    '32FC1': (np.float32, 1),
-}
-"""Type and number of the values of a pixel."""
-
-MAX_SIDE = 16384
-"""No image may be wider or higher than this, in pixels."""
 
 
 def to_image(picture: NDArray[np.generic], *, stamp: int, frame_id: str) -> Image:
@@ -67,21 +67,7 @@ def to_image(picture: NDArray[np.generic], *, stamp: int, frame_id: str) -> Imag
 
 def from_image(message: Image) -> NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32]:
     """Return a (valid) image message as RGB (H, W, 3) or depth (H, W) of its own type."""
-    kind, channels = _LAYOUTS[message.encoding]
-    dtype = np.dtype(kind).newbyteorder('<')
-    used = message.width * channels * dtype.itemsize
-    rows = np.frombuffer(message.data, dtype=np.uint8).reshape(message.height, message.step)
-    values: NDArray[Any] = np.ascontiguousarray(rows[:, :used]).view(dtype)
-    values = values.astype(kind, copy=False)
-    if message.encoding in DEPTH_ENCODINGS:
-        return values
-    pixels = values.reshape(message.height, message.width, channels)
-    if channels == 1:
-        return np.repeat(pixels, 3, axis=2)
-    pixels = pixels[..., :3]
-    if message.encoding.startswith('bgr'):
-        pixels = pixels[..., ::-1]
-    return np.ascontiguousarray(pixels)
+    return decode_image(message)
 
 
 def validate_image(
@@ -98,27 +84,10 @@ def validate_image(
         InvalidMessage: With one sentence that says why.
     """
     validate_header(message.header, frames)
-    if message.encoding not in encodings:
-        msg = f'Its encoding is {message.encoding!r}, expected {" or ".join(encodings)}.'
-        raise InvalidMessage(msg)
-    _validate_size(message.width, message.height)
-    kind, channels = _LAYOUTS[message.encoding]
-    value_bytes = np.dtype(kind).itemsize
-    if message.is_bigendian and value_bytes > 1:
-        msg = f'It is big-endian; {message.encoding} is only read as little-endian.'
-        raise InvalidMessage(msg)
-    used = message.width * channels * value_bytes
-    if message.step < used:
-        msg = (
-            f'Its step is {message.step} bytes, but {message.width} pixels of '
-            f'{message.encoding} need {used}.'
-        )
-        raise InvalidMessage(msg)
-    if len(message.data) != message.step * message.height:
-        msg = (
-            f'It has {len(message.data)} bytes for {message.height} rows of {message.step} bytes.'
-        )
-        raise InvalidMessage(msg)
+    try:
+        check_image(message, encodings)
+    except ValueError as error:
+        raise InvalidMessage(str(error)) from error
 
 
 def to_camera_info(camera: Camera, *, stamp: int, frame_id: str) -> CameraInfo:
@@ -135,8 +104,7 @@ def to_camera_info(camera: Camera, *, stamp: int, frame_id: str) -> CameraInfo:
 
 def from_camera_info(message: CameraInfo) -> Camera:
     """Return the pinhole camera of a (valid) message; its distortion is not looked at."""
-    fx, _, cx, _, fy, cy, *_ = (float(value) for value in message.k)
-    return Camera(int(message.width), int(message.height), fx, fy, cx, cy)
+    return decode_camera(message)
 
 
 def validate_camera_info(message: CameraInfo, frames: Collection[str] = ()) -> None:
@@ -150,29 +118,10 @@ def validate_camera_info(message: CameraInfo, frames: Collection[str] = ()) -> N
         InvalidMessage: With one sentence that says why.
     """
     validate_header(message.header, frames)
-    _validate_size(message.width, message.height)
-    values = [float(value) for value in message.k]
-    fx, skew, cx, lower, fy, cy, *last = values
-    if not all(math.isfinite(value) for value in values):
-        msg = f'Its intrinsics k are not finite {values}.'
-        raise InvalidMessage(msg)
-    if fx <= 0 or fy <= 0:
-        msg = f'Its focal lengths are {fx} and {fy} pixels, expected more than 0.'
-        raise InvalidMessage(msg)
-    if skew or lower or last != [0.0, 0.0, 1.0]:
-        msg = f'Its intrinsics k are not those of a pinhole camera {values}.'
-        raise InvalidMessage(msg)
-    if not (0 <= cx <= message.width and 0 <= cy <= message.height):
-        msg = (
-            f'Its principal point ({cx}, {cy}) is outside its {message.width} x '
-            f'{message.height} pixels.'
-        )
-        raise InvalidMessage(msg)
-    roi = message.roi
-    is_cut = (roi.width, roi.height) not in ((0, 0), (message.width, message.height))
-    if max(message.binning_x, message.binning_y) > 1 or is_cut:
-        msg = 'It speaks of a binned image or a part of one, only whole images are supported.'
-        raise InvalidMessage(msg)
+    try:
+        check_camera(message)
+    except ValueError as error:
+        raise InvalidMessage(str(error)) from error
 
 
 def to_pose_3d(pose: Pose3D) -> Pose:
@@ -187,9 +136,3 @@ def from_pose_3d(message: Pose) -> Pose3D:
     quaternion = np.array([turn.x, turn.y, turn.z, turn.w])
     quaternion /= np.linalg.norm(quaternion)
     return Pose3D(position.x, position.y, position.z, *quaternion.tolist())
-
-
-def _validate_size(width: int, height: int) -> None:
-    if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE):
-        msg = f'Its size is {width} x {height} pixels, expected 1 to {MAX_SIDE} each.'
-        raise InvalidMessage(msg)

@@ -9,6 +9,7 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.time import Time
 
 from gridnav.pose import Pose2D, PoseEstimate
+from gridnav.rgbd import Pose3D
 from gridnav.ros.conversions import header, to_nanoseconds, to_quaternion, to_yaw
 
 if TYPE_CHECKING:
@@ -65,12 +66,26 @@ class FrameListener:
 
     def look_up(self, parent: str, child: str) -> PoseEstimate | None:
         """Return where ``child`` is in ``parent`` now, or None if that is not known (yet)."""
-        try:
-            found = self._buffer.lookup_transform(parent, child, Time())
-        except self._failure:
+        found = self._find(parent, child)
+        if found is None:
             return None
         moved = found.transform
         pose = Pose2D(moved.translation.x, moved.translation.y, to_yaw(moved.rotation))
         if not all(math.isfinite(value) for value in pose):
             return None
         return PoseEstimate(to_nanoseconds(found.header.stamp), pose)
+
+    def look_up_in_space(self, parent: str, child: str) -> Pose3D | None:
+        """Return the pose in space of ``child`` in ``parent``, or None as ``look_up`` does."""
+        found = self._find(parent, child)
+        if found is None:
+            return None
+        place, turn = found.transform.translation, found.transform.rotation
+        pose = Pose3D(place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+        return pose if all(math.isfinite(value) for value in pose) else None
+
+    def _find(self, parent: str, child: str) -> TransformStamped | None:
+        try:
+            return self._buffer.lookup_transform(parent, child, Time())
+        except self._failure:
+            return None

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
+from avd_player.homes.home import FREE, OCCUPIED, OUTSIDE
 from avd_player.homes.noise import DepthNoise, add_noise
-from avd_player.homes.plan import FREE, OCCUPIED, OUTSIDE, draw_home
+from avd_player.homes.plan import draw_home
 from avd_player.homes.render import HomeRenderer
 from bev_mapper.rgbd_mapper import MapperConfig, RgbdMapper
 from bev_mapper.segmentation import make_segmenter
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from avd_player.homes.plan import Home, TruePlan
+    from avd_player.homes.home import Home, TruePlan
 
 SEGMENTERS = ('ground_truth', 'learned', 'geometric')
 SIGMAS_MM = (0.0, 10.0, 30.0, 100.0)
@@ -202,8 +203,8 @@ def map_home(job: tuple[MappingEvaluation, int]) -> dict[str, dict[str, list[lis
         seen.add(frame)
         for sigma in SIGMAS_MM:
             rng = np.random.default_rng([settings.seed, number, 4, frame.stamp])
-            depth = add_noise(frame.depth, DepthNoise(sigma=sigma), rng)
-            noisy = replace(frame, depth=depth)
+            depth = depth_in_metres(frame.depth)
+            noisy = replace(frame, depth=add_noise(depth, DepthNoise(sigma=sigma), rng))
             for name in SEGMENTERS:
                 mappers[name, sigma].add(noisy)
     found: dict[str, dict[str, list[list[int]]]] = {name: {} for name in SEGMENTERS}

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from avd_player.homes.plan import Home
+    from avd_player.homes.home import Home
     from avd_player.homes.render import Picture
 
 TRAINING_SEED, VALIDATION_SEED, TEST_SEED = 770_001, 770_002, 770_003

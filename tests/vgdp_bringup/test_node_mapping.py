@@ -57,7 +57,7 @@ def messages(frame: RgbdFrame) -> dict[str, Any]:
     """Return the messages of a frame by topic."""
     odometry = Odometry(header=header(frame.stamp, 'odom'), child_frame_id='base_link')
     odometry.pose.pose = to_pose_3d(frame.pose)
-    given = {'stamp': frame.stamp, 'frame_id': OPTICAL}
+    given: dict[str, Any] = {'stamp': frame.stamp, 'frame_id': OPTICAL}
     return {
         'camera/color/image_raw': to_image(frame.color, **given),
         'camera/depth/image_raw': to_image(frame.depth, **given),

@@ -12,7 +12,7 @@ from tests.avd_player.tiny_scene import TinyScene, write_scene
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-KITCHEN = Path('/work/shared/data/redkitchen')
+KITCHEN = Path(__file__).parents[3] / 'shared' / 'data' / 'redkitchen'
 
 
 @pytest.fixture(scope='session')

@@ -20,8 +20,11 @@ def test_round_trip_through_json(name: str) -> None:
 @pytest.mark.parametrize(
     ('kind', 'values', 'named'),
     [
-        (PolicyConfig, {'horizon': 7}, '7'),
+        (PolicyConfig, {'denoiser': 'unet', 'horizon': 7}, '7'),
         (PolicyConfig, {'channels': (30, 64)}, '30'),
+        (PolicyConfig, {'denoiser': 'magic'}, 'magic'),
+        (PolicyConfig, {'width': 0}, '0'),
+        (PolicyConfig, {'blocks': 0}, '0'),
         (PolicyConfig, {'kernel': 4}, '4'),
         (PolicyConfig, {'time_embedding': 3}, '3'),
         (ValueConfig, {'gamma': 0.0}, '0.0'),

@@ -59,6 +59,13 @@ class PolicyConfig:
 
     def __post_init__(self) -> None:
         """Check that the sizes fit together."""
+        _require(
+            self.denoiser in ('residual', 'unet'),
+            f"denoiser must be 'residual' or 'unet', got {self.denoiser!r}.",
+        )
+        for name in ('width', 'blocks'):
+            value = getattr(self, name)
+            _require(value >= 1, f'{name} must be at least 1, got {value}.')
         factor = 2 ** (len(self.channels) - 1) if self.denoiser == 'unet' else 1
         _require(len(self.channels) >= 1, 'The U-Net needs at least one scale.')
         _require(

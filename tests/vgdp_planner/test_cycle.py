@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gridnav import FREE, GOAL, GridGeometry
-from vgdp_planner.cycle import Decision, PlanningCycle
+from gridnav import FREE, GOAL, OBSTACLE, GridGeometry
+from vgdp_planner.cycle import Decision, Observation, PlanningCycle
+from vgdp_planner.planning_grid import GridSettings
 
 GEOMETRY = GridGeometry(3, 4, 0.5)
 OCCUPANCY = np.zeros((3, 4), dtype=np.int8)
@@ -14,7 +15,7 @@ OCCUPANCY = np.zeros((3, 4), dtype=np.int8)
 
 def going(actions: int) -> Decision:
     """Decide to take some steps."""
-    return Decision(actions, (0, 0), done=False, way=np.zeros((0, 2)))
+    return Decision([2] * actions, (0, 0), done=False, way=np.zeros((0, 2)))
 
 
 def seen(cycle: PlanningCycle, stamp: int, x: float = 0.25) -> None:
@@ -154,3 +155,40 @@ def test_old_poses_are_dropped() -> None:
         cycle.add_pose(stamp, 0.1, 0.1)
     cycle.add_map(4999, OCCUPANCY, GEOMETRY)
     assert cycle.observation() is not None
+
+
+@pytest.mark.parametrize('settings', [GridSettings(), GridSettings(resolution=1.0)])
+def test_a_place_that_cannot_be_stepped_on_is_an_obstacle(settings: GridSettings) -> None:
+    """After so many steps that led nowhere, though the map is free there; until it is reopened."""
+    cycle = PlanningCycle(settings, blocked_after=2)
+    free, geometry = np.zeros((6, 8), dtype=np.int8), GridGeometry(6, 8, 0.5)
+    side = settings.resolution or 0.5
+
+    def at(stamp: int) -> Observation:
+        cycle.add_pose(stamp, side / 2, side / 2)
+        cycle.add_map(stamp, free, geometry)
+        observation = cycle.observation()
+        assert observation is not None
+        return observation
+
+    def ahead(observation: Observation) -> tuple[int, int]:
+        return observation.grid.geometry.cell_at(1.5 * side, side / 2)
+
+    for stamp in (10, 11):
+        observation = at(stamp)
+        assert observation.grid.partial_map[(FREE, *ahead(observation))] == 1
+        # A step to the right, which the world does not let happen.
+        cycle.planned(observation, going(1))
+    observation = at(12)
+    assert observation.grid.partial_map[(OBSTACLE, *ahead(observation))] == 1
+    assert observation.grid.partial_map[(FREE, *ahead(observation))] == 0
+    for _ in range(2):
+        again = cycle.reopened(observation)
+        assert again is not None
+        assert again.grid.partial_map[(FREE, *ahead(again))] == 1
+        for _ in range(2):
+            cycle.planned(again, going(1))
+            again = at(again.stamp + 1)
+        observation = again
+        assert observation.grid.partial_map[(OBSTACLE, *ahead(observation))] == 1
+    assert cycle.reopened(observation) is None

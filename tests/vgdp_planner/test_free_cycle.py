@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gridnav import FREE, GOAL, GridGeometry
+from gridnav import DONE, FREE, GOAL, GridGeometry
 from gridnav.pose import Pose2D, PoseEstimate
 from vgdp_planner.cycle import Decision, Observation
 from vgdp_planner.free_cycle import FreeCycle
@@ -46,7 +46,7 @@ def go(cycle: FreeCycle, *, blocks: int = 2, done: bool = False) -> Observation:
     row, col = grid.start
     cells = [(row, col + step) for step in range(blocks + 1)]
     moves = min(2, blocks)
-    decision = Decision(moves + done, cells[moves], done, grid.way(cells))
+    decision = Decision([2] * moves + [DONE] * done, cells[moves], done, grid.way(cells))
     cycle.planned(observation, decision)
     return observation
 
@@ -115,7 +115,7 @@ def test_a_robot_with_nowhere_to_go_waits_for_another_map(cycle: FreeCycle) -> N
     """Any one: it may have opened a door."""
     observation = cycle.observation()
     assert observation is not None
-    stop = Decision(0, observation.grid.start, done=False, way=np.zeros((0, 2)))
+    stop = Decision([], observation.grid.start, done=False, way=np.zeros((0, 2)))
     cycle.planned(observation, stop)
     assert cycle.observation() is None
     assert cycle.observation(overdue=True) is None
@@ -130,7 +130,7 @@ def test_where_the_robot_was_nothing_is_left_to_see(cycle: FreeCycle) -> None:
     assert observation is not None
     grid = observation.grid
     assert grid.partial_map[(FREE, *grid.start)] == 1
-    cycle.planned(observation, Decision(1, grid.start, done=True, way=grid.way([grid.start])))
+    cycle.planned(observation, Decision([DONE], grid.start, done=True, way=grid.way([grid.start])))
     cycle.add_pose(at(2.5))
     cycle.set_goal(6, 0.3, 1.1)
     observation = cycle.observation()

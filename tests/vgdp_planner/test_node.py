@@ -236,7 +236,7 @@ def test_a_real_robot(node_process: StartNode, probe: Probe) -> None:
     geometry = GridGeometry(80, 100, 0.05, -7.3, 2.15)
     maps.publish(to_occupancy_grid(occupancy, geometry, stamp=5, frame_id='map'))
     poses.publish(on_map(900, -6.0, 3.0))
-    wait_for(lambda: len(plans) > 2 and waypoints and values)
+    wait_for(lambda: len(plans) > 2 and values)
     assert {to_nanoseconds(plan.header.stamp) for plan in plans} == {900}
     blocked = inflate(occupancy >= 50, 4)
     for pose in plans[0].poses:
@@ -245,7 +245,14 @@ def test_a_real_robot(node_process: StartNode, probe: Probe) -> None:
     first = plans[0].poses[0].pose.position
     assert (first.x, first.y) == pytest.approx((-6.0, 3.0), abs=0.05)
     assert values[0].info.resolution == pytest.approx(0.4)
-    assert waypoints[0].pose.position in [pose.pose.position for pose in plans[0].poses]
+    # Whoever joins late may have missed the plan that a waypoint belongs to.
+    wait_for(
+        lambda: any(
+            waypoint.pose.position in [pose.pose.position for pose in plan.poses]
+            for waypoint in waypoints
+            for plan in plans
+        )
+    )
     assert not actions
 
     # Behind the wall, and a path there on request.

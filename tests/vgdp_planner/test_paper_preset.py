@@ -90,7 +90,7 @@ def test_other_layers(planner: ValueGuidedPlanner) -> None:
         layer for layer in planner.policy.encoder.modules() if isinstance(layer, nn.GroupNorm)
     ]
     assert [layer.num_groups for layer in norms] == [8, 8, 8]
-    assert shapes(planner.policy.unet.step_embedding) == STEP_EMBEDDING
+    assert shapes(planner.policy.denoiser.step_embedding) == STEP_EMBEDDING
     for module, expected in ((planner.value_network, VALUE), (planner.belief_filter, BELIEF)):
         named = {name: tuple(value.shape) for name, value in module.named_parameters()}
         assert named == expected

@@ -10,6 +10,7 @@ from torch import nn
 
 from vgdp_planner import preset
 from vgdp_planner.policy import DiffusionPolicy
+from vgdp_planner.unet import ConditionalUNet
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -46,15 +47,16 @@ PARAMETERS = 175_793_924
 
 
 @pytest.fixture(scope='module')
-def policy() -> DiffusionPolicy:
-    """Return the paper's policy without values in its parameters: the shapes are what counts."""
+def unet() -> ConditionalUNet:
+    """Return the paper's U-Net without values in its parameters: the shapes are what counts."""
     with torch.device('meta'):
-        return DiffusionPolicy(preset('paper').policy)
+        denoiser = DiffusionPolicy(preset('paper').policy).denoiser
+    assert isinstance(denoiser, ConditionalUNet)
+    return denoiser
 
 
-def stages(policy: DiffusionPolicy) -> dict[str, nn.Module]:
+def stages(unet: ConditionalUNet) -> dict[str, nn.Module]:
     """Return the stages of the U-Net under the table's names."""
-    unet = policy.unet
     return {
         f'{name} {number}': stage
         for name, part in (
@@ -68,13 +70,13 @@ def stages(policy: DiffusionPolicy) -> dict[str, nn.Module]:
     } | {'final': unet.final}
 
 
-def test_unet_table(policy: DiffusionPolicy) -> None:
+def test_unet_table(unet: ConditionalUNet) -> None:
     """The U-Net has the table's convolutions, stage by stage, and no others."""
 
     def convolutions(stage: nn.Module) -> Iterable[nn.Conv1d | nn.ConvTranspose1d]:
         for layer in stage.modules():
             if isinstance(layer, nn.Conv1d | nn.ConvTranspose1d):
-                assert isinstance(layer, nn.ConvTranspose1d) == (stage in policy.unet.upsample)
+                assert isinstance(layer, nn.ConvTranspose1d) == (stage in unet.upsample)
                 yield layer
 
     found = {
@@ -82,16 +84,15 @@ def test_unet_table(policy: DiffusionPolicy) -> None:
             [*layer.kernel_size, *layer.stride, layer.out_channels]
             for layer in convolutions(stage)
         ]
-        for name, stage in stages(policy).items()
+        for name, stage in stages(unet).items()
     }
     assert found == UNET
 
 
-def test_unet_lengths_and_channels(policy: DiffusionPolicy) -> None:
+def test_unet_lengths_and_channels(unet: ConditionalUNet) -> None:
     """What goes from stage to stage has the table's sizes for plans of eight steps."""
-    unet = policy.unet
     found: dict[str, tuple[int, int]] = {}
-    for name, stage in stages(policy).items():
+    for name, stage in stages(unet).items():
         first = next(iter(stage.children())) if name.startswith(('down ', 'up ')) else stage
         first.register_forward_pre_hook(
             lambda _, inputs, name=name: found.update({name: tuple(inputs[0].shape[:0:-1])})
@@ -102,16 +103,16 @@ def test_unet_lengths_and_channels(policy: DiffusionPolicy) -> None:
     assert {name: found[name] for name in UNET_INPUTS} == UNET_INPUTS
 
 
-def test_film_scales_and_shifts(policy: DiffusionPolicy) -> None:
+def test_film_scales_and_shifts(unet: ConditionalUNet) -> None:
     """The condition, step and map together, gives each block twice its channels."""
     for name, channels in (('down 2', 1024), ('middle 1', 2048), ('up 2', 256)):
-        stage = stages(policy)[name]
+        stage = stages(unet)[name]
         linear = [layer for layer in stage.modules() if isinstance(layer, nn.Linear)]
         assert [(layer.in_features, layer.out_features) for layer in linear] == [
             (256 + 256, 2 * channels)
         ]
 
 
-def test_parameter_count(policy: DiffusionPolicy) -> None:
+def test_parameter_count(unet: ConditionalUNet) -> None:
     """The table makes so many, FiLM and the embedding of the diffusion step included."""
-    assert sum(parameter.numel() for parameter in policy.unet.parameters()) == PARAMETERS
+    assert sum(parameter.numel() for parameter in unet.parameters()) == PARAMETERS

@@ -221,7 +221,12 @@ def test_what_is_unknown_on_a_map_is_unseen() -> None:
     assert not free[:, [0, 4, 5]].any()
     assert not grid.partial_map[OBSTACLE].any()
     again = make_planning_grid(
-        occupancy, map_of(occupancy), (0.1, 0.1), None, GridSettings(0.0, 0.2), [(0.7, 0.5)]
+        occupancy,
+        map_of(occupancy),
+        (0.1, 0.1),
+        None,
+        GridSettings(0.0, 0.2),
+        visited=[(0.7, 0.5)],
     )
     assert np.argwhere(again.partial_map[FREE] != free).tolist() == [[3, 4]]
 

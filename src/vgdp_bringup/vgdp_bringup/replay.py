@@ -18,6 +18,7 @@ from rich.progress import track
 from bev_mapper import GridFusion, LocalMapFusion, Pose2D, Window
 from bev_mapper.grid_fusion import DEFAULT_GROWTH
 from gridnav.actions import DONE, STEPS
+from gridnav.rgbd import VIEW_SUFFIX
 from vgdp_bringup.bags import (
     LINE_STRIP,
     NANOSECONDS,
@@ -330,6 +331,8 @@ def _planner_inputs(
                 grid = to_grid(message)
                 take_in = partial(cycle.add_map, stamp, grid.cells, grid.geometry)
             elif topic == 'odom':
+                if message.child_frame_id.endswith(VIEW_SUFFIX):
+                    continue
                 position = message.pose.pose.position
                 take_in = partial(cycle.add_pose, stamp, position.x, position.y)
             else:
@@ -375,7 +378,7 @@ def decision_of(plan: Plan, grid: PlanningGrid) -> Decision:
     """Return what a plan decided, as far as it counts in lockstep: how many steps were sent."""
     from vgdp_planner.cycle import Decision  # noqa: PLC0415 - loads what reports do without
 
-    return Decision(len(plan.committed), grid.start, DONE in plan.committed, np.empty((0, 2)))
+    return Decision(plan.committed, grid.start, DONE in plan.committed, np.empty((0, 2)))
 
 
 def _compare_plans(

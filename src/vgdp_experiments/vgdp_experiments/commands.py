@@ -15,7 +15,13 @@ if TYPE_CHECKING:
 GROUPS: dict[str, tuple[str, dict[str, tuple[str, str]]]] = {
     'data': (
         'make training data',
-        {'expert': ('vgdp_experiments.data', 'expert episodes in mazes')},
+        {
+            'expert': ('vgdp_experiments.data', 'expert episodes in mazes'),
+            'homes-views': (
+                'vgdp_experiments.home_views',
+                'views of synthetic homes with the classes of their pixels',
+            ),
+        },
     ),
     'train': (
         'train the networks',
@@ -27,6 +33,10 @@ GROUPS: dict[str, tuple[str, dict[str, tuple[str, str]]]] = {
                 "the paper's value function",
             ),
             'calvin': ('vgdp_experiments.train_calvin', 'CALVIN, to compare the planner with'),
+            'segmentation': (
+                'vgdp_experiments.train_segmentation',
+                'the segmentation of RGB-D frames',
+            ),
             'join': ('vgdp_experiments.join', 'join both into the weights of a planner'),
         },
     ),
@@ -43,7 +53,22 @@ GROUPS: dict[str, tuple[str, dict[str, tuple[str, str]]]] = {
                 'vgdp_experiments.suites.localisation',
                 'how fast the belief filter finds the robot',
             ),
+            'segmentation': (
+                'vgdp_experiments.evaluate_segmentation',
+                'the segmentation of RGB-D frames, on homes that it has not seen',
+            ),
+            'mapping': (
+                'vgdp_experiments.evaluate_mapping',
+                'maps that RGB-D frames make of synthetic homes, against the true plans',
+            ),
             'merge': ('vgdp_experiments.merge', 'join the parts of one of these into a page'),
+        },
+    ),
+    'avd': (
+        'scenes of the Active Vision Dataset',
+        {
+            'check': ('avd_player.check', 'say what is present, missing or broken in them'),
+            'synth': ('avd_player.homes.synth', 'write synthetic homes as such scenes'),
         },
     ),
     'bench': (

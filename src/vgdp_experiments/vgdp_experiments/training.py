@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from vgdp_experiments.parallel import Team
     from vgdp_experiments.train_calvin import CalvinTraining
     from vgdp_experiments.train_policy import PolicyTraining
+    from vgdp_experiments.train_segmentation import SegmentationTraining
     from vgdp_experiments.train_value_paper import PaperValueTraining
     from vgdp_planner.belief import BeliefFilter
     from vgdp_planner.value import ValueNetwork
@@ -110,7 +111,7 @@ def optimise(
     model: nn.Module,
     objective: nn.Module,
     inputs: Callable[[int], Sequence[tuple[Tensor, ...]]],
-    settings: PolicyTraining | PaperValueTraining | CalvinTraining,
+    settings: PolicyTraining | PaperValueTraining | CalvinTraining | SegmentationTraining,
     team: Team,
     *,
     weight_decay: float = 0.0,

@@ -27,6 +27,10 @@ class PolicyConfig:
         encoder_channels: Channels of the encoder's three convolutions or scales.
         embedding: Length of the map embedding.
         horizon: Steps T_h of a plan.
+        denoiser: 'residual' is a stack of fully connected layers over whole plans; 'unet' the
+            paper's one-dimensional U-Net.
+        width: Features of the residual denoiser.
+        blocks: Residual blocks of the residual denoiser.
         channels: Channels of the U-Net's scales, first to last.
         kernel: Kernel size of the U-Net's convolutions, in steps.
         groups: Groups of the U-Net's group normalisation.
@@ -41,6 +45,9 @@ class PolicyConfig:
     encoder_channels: tuple[int, int, int] = (32, 48, 64)
     embedding: int = 128
     horizon: int = 8
+    denoiser: Literal['residual', 'unet'] = 'residual'
+    width: int = 256
+    blocks: int = 3
     channels: tuple[int, ...] = (32, 64)
     kernel: int = 3
     groups: int = 8
@@ -52,7 +59,7 @@ class PolicyConfig:
 
     def __post_init__(self) -> None:
         """Check that the sizes fit together."""
-        factor = 2 ** (len(self.channels) - 1)
+        factor = 2 ** (len(self.channels) - 1) if self.denoiser == 'unet' else 1
         _require(len(self.channels) >= 1, 'The U-Net needs at least one scale.')
         _require(
             self.horizon >= 1 and self.horizon % factor == 0,
@@ -250,6 +257,7 @@ PRESETS: dict[str, Config] = {
             encoder_channels=(128, 256, 256),
             embedding=256,
             horizon=4,
+            denoiser='unet',
             channels=(256, 1024, 2048),
             stage_blocks=1,
             residual_kernel=3,

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from gridnav import DONE, STEPS
 from vgdp_planner.planning_grid import GridSettings, make_planning_grid
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy as np
     from numpy.typing import NDArray
 
@@ -15,6 +20,10 @@ if TYPE_CHECKING:
     from vgdp_planner.planning_grid import Cell, PlanningGrid, Point
 
 NEVER = -1
+
+REOPENINGS = 2
+"""How often places that could not be stepped on are tried again in an episode, each time when
+nothing else is left."""
 
 KEPT_STAMPS = 1000
 """No more stamps of poses are kept than this."""
@@ -43,13 +52,13 @@ class Decision:
     """What came of planning on an observation.
 
     Attributes:
-        actions: How many steps the plan commits, Done included.
+        committed: The steps that the plan commits, Done included.
         target: The block in which they end.
         done: Whether they end with Done.
         way: The whole plan in metres, (N, 2); empty for none.
     """
 
-    actions: int
+    committed: Sequence[int]
     target: Cell
     done: bool
     way: NDArray[np.float64]
@@ -61,17 +70,35 @@ class PlanningCycle:
     A pose comes for each action that was carried out, with a stamp of its own. An observation is
     complete when map and newest pose carry the same stamp, and ready when as many new stamps have
     come as actions were sent. Poses and maps that come again with a known stamp change nothing.
+
+    A step that leads nowhere time and again, whatever the map says, leads to a place that counts
+    as an obstacle from then on.
+
+    Args:
+        settings: How a map becomes a planning grid; its blocks are what a step leads across.
+        blocked_after: A place that so many steps did not get to counts as an obstacle.
     """
 
-    def __init__(self, settings: GridSettings | None = None) -> None:
-        self._settings = settings or GridSettings()
+    def __init__(self, settings: GridSettings | None = None, blocked_after: int = 3) -> None:
+        self._settings = replace(settings or GridSettings(), keep_resolution=True)
+        self._blocked_after = blocked_after
         self.start = NEVER
         self.finished = False
         self._map: tuple[int, NDArray[np.int8], GridGeometry] | None = None
         self._poses: dict[int, tuple[float, float]] = {}
         self._goal: tuple[int, float, float] | None = None
         self._planned = NEVER
-        self._awaited = 0
+        self._committed: Sequence[int] = ()
+        self._grid: PlanningGrid | None = None
+        self._noted = False
+        self._forget_places()
+
+    def _forget_places(self) -> None:
+        self._settings = replace(self._settings, center=None)
+        self._visited: dict[tuple[int, int], Point] = {}
+        self._blocked: dict[tuple[int, int], Point] = {}
+        self._failures: Counter[tuple[int, int]] = Counter()
+        self._reopenings = 0
 
     def begin(self, start: int) -> bool:
         """Start over with an episode that begins at a stamp; what is older is forgotten.
@@ -92,7 +119,9 @@ class PlanningCycle:
         if self._planned >= start > NEVER:
             return False
         self._planned = NEVER
-        self._awaited = 0
+        self._committed = ()
+        self._grid = None
+        self._forget_places()
         return True
 
     def add_pose(self, stamp: int, x: float, y: float) -> bool:
@@ -135,10 +164,56 @@ class PlanningCycle:
         if stamp != newest:
             return None
         carried_out = sum(pose_stamp > self._planned for pose_stamp in self._poses)
-        if carried_out < max(self._awaited, 1) and not (overdue and self._planned >= 0):
+        if carried_out < max(len(self._committed), 1) and not (overdue and self._planned >= 0):
             return None
+        if self._settings.center is None:
+            # Steps lead from the middle of a block to the middle of another.
+            self._settings = replace(self._settings, center=self._poses[newest])
+        self._note_steps()
+        return Observation(stamp, self._grid_now())
+
+    def reopened(self, observation: Observation) -> Observation | None:
+        """Return an observation again, with the places that could not be stepped on open again.
+
+        For a planner that sees nowhere to go any more. None where there are no such places, or
+        they were tried again often enough.
+        """
+        if not self._blocked or self._reopenings >= REOPENINGS:
+            return None
+        self._reopenings += 1
+        self._blocked.clear()
+        self._failures.clear()
+        return replace(observation, grid=self._grid_now())
+
+    def _grid_now(self) -> PlanningGrid:
         goal = None if self._goal is None else self._goal[1:]
-        return Observation(stamp, self.grid_at(self._poses[newest], goal))
+        return self.grid_at(self._poses[max(self._poses)], goal)
+
+    def _note_steps(self) -> None:
+        """Note where the robot has been, and which of the committed steps led nowhere."""
+        if self._grid is None or self._noted:
+            return
+        self._noted = True
+        geometry = self._grid.geometry
+        places = [pose for _, pose in sorted(self._poses.items())]
+        for place in places:
+            self._visited[self._key(place)] = place
+        for action, (before, after) in zip(self._committed, pairwise(places), strict=False):
+            cell = geometry.cell_at(*before)
+            if action == DONE or geometry.cell_at(*after) != cell:
+                continue
+            row_step, col_step = STEPS[action].tolist()
+            place = geometry.center_of(cell[0] + row_step, cell[1] + col_step)
+            key = self._key(place)
+            self._failures[key] += 1
+            if self._failures[key] >= self._blocked_after and key not in self._visited:
+                self._blocked[key] = place
+
+    def _key(self, place: Point) -> tuple[int, int]:
+        """Return the block of a place, counted from the one where the episode began."""
+        side = self._grid.geometry.resolution if self._grid else 1.0
+        x, y = self._settings.center or (0.0, 0.0)
+        return round((place[0] - x) / side), round((place[1] - y) / side)
 
     def grid_at(self, position: Point, goal: Point | None) -> PlanningGrid:
         """Return the planning grid of the newest map for a robot and a goal somewhere on it.
@@ -150,7 +225,15 @@ class PlanningCycle:
             msg = 'There is no map yet.'
             raise ValueError(msg)
         _, occupancy, geometry = self._map
-        return make_planning_grid(occupancy, geometry, position, goal, self._settings)
+        return make_planning_grid(
+            occupancy,
+            geometry,
+            position,
+            goal,
+            self._settings,
+            visited=self._visited.values(),
+            blocked=self._blocked.values(),
+        )
 
     @property
     def position(self) -> Point | None:
@@ -160,7 +243,9 @@ class PlanningCycle:
     def planned(self, observation: Observation, decision: Decision) -> None:
         """Note that actions were sent that were planned on an observation."""
         self._planned = observation.stamp
-        self._awaited = decision.actions
+        self._committed = decision.committed
+        self._grid = observation.grid
+        self._noted = False
         self._poses = {
             stamp: pose for stamp, pose in self._poses.items() if stamp >= observation.stamp
         }

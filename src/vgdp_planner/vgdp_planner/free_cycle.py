@@ -38,7 +38,7 @@ class _Plan:
     @property
     def is_going(self) -> bool:
         """Whether it leads the robot to where it is to plan again."""
-        return self.decision.actions > 0 and not self.decision.done
+        return bool(self.decision.committed) and not self.decision.done
 
     def ends_at(self, place: Point) -> bool:
         """Tell whether a place is where to plan again.
@@ -60,7 +60,7 @@ class _Plan:
     def is_clear(self, grid: PlanningGrid, place: Point) -> bool:
         """Tell whether what is left of the way from a place is clear; a stop never is."""
         way = self.decision.way
-        if not self.decision.actions:
+        if not self.decision.committed:
             return False
         nearest = int(np.hypot(*(way - place).T).argmin())
         return grid.is_clear(way[nearest:])
@@ -176,7 +176,7 @@ class FreeCycle:
             raise ValueError(msg)
         _, occupancy, geometry = self._map
         return make_planning_grid(
-            occupancy, geometry, position, goal, self._settings, self._visited.values()
+            occupancy, geometry, position, goal, self._settings, visited=self._visited.values()
         )
 
     @property

@@ -16,6 +16,7 @@ from std_msgs.msg import ColorRGBA, UInt8
 from visualization_msgs.msg import Marker, MarkerArray
 
 from gridnav.actions import DONE
+from gridnav.rgbd import VIEW_SUFFIX
 from gridnav.ros.conversions import (
     from_occupancy_grid,
     header,
@@ -23,7 +24,7 @@ from gridnav.ros.conversions import (
     to_occupancy_grid,
     to_path_of_points,
 )
-from gridnav.ros.episode import EpisodeStatus
+from gridnav.ros.episode import PLANNER_GAVE_UP, EpisodeStatus
 from gridnav.ros.node import BaseNode
 from gridnav.ros.parameters import parameter
 from gridnav.ros.paths import PathError, PathFailure, PathServer
@@ -146,6 +147,23 @@ class PlannerParameters:
         high=MAX_CELLS,
         read_only=True,
     )
+    goal_tolerance: float = parameter(
+        0.0,
+        'Where the goal is at an obstacle, such as a thing on a table, the nearest place up to '
+        'this far from it will do',
+        unit='m',
+        low=0.0,
+        high=100.0,
+        read_only=True,
+    )
+    blocked_after: int = parameter(
+        3,
+        'In lockstep, a place that so many steps did not get to counts as an obstacle',
+        unit='steps',
+        low=1,
+        high=1000,
+        read_only=True,
+    )
     path_action: str = parameter(
         'compute_path_to_pose',
         "Name of Nav2's action for paths on request, where nav2_msgs is installed; none if empty",
@@ -266,6 +284,8 @@ class PlannerNode(BaseNode[PlannerParameters]):
         self._cycle.set_goal(to_nanoseconds(message.header.stamp), position.x, position.y)
 
     def _on_odom(self, cycle: PlanningCycle, message: Odometry) -> None:
+        if message.child_frame_id.endswith(VIEW_SUFFIX):
+            return
         position = message.pose.pose.position
         stamp = to_nanoseconds(message.header.stamp)
         if cycle.add_pose(stamp, position.x, position.y):
@@ -309,6 +329,11 @@ class PlannerNode(BaseNode[PlannerParameters]):
             self._planner.reset(self.parameters.seed)
         grid, belief = observation.grid, observation.belief
         plan = self._planner.plan(grid.partial_map, grid.start if belief is None else belief)
+        if plan.status in PLANNER_GAVE_UP and isinstance(self._cycle, PlanningCycle):
+            again = self._cycle.reopened(observation)
+            if again is not None:
+                observation, grid = again, again.grid
+                plan = self._planner.plan(grid.partial_map, grid.start)
         self.diagnostics.latency(time.perf_counter() - began, 'plan')
         self._last_news = time.monotonic()
         self._publish_plan(observation, plan)
@@ -347,7 +372,7 @@ class PlannerNode(BaseNode[PlannerParameters]):
             blocks = onward_way(seen_way(grid.partial_map, blocks), moves)
         way = grid.way(blocks, via=moves) if going else np.empty((0, 2))
         done = DONE in plan.committed
-        decision = Decision(len(plan.committed), blocks[moves], done, way)
+        decision = Decision(plan.committed, blocks[moves], done, way)
         self._cycle.planned(observation, decision)
 
         self._path = to_path_of_points(way.tolist(), stamp=stamp, frame_id=p.map_frame)
@@ -463,9 +488,14 @@ class PlannerNode(BaseNode[PlannerParameters]):
 def make_cycle(parameters: PlannerParameters) -> PlanningCycle | FreeCycle:
     """Return what says when to plan, for the pose source of the parameters."""
     p = parameters
-    settings = GridSettings(p.robot_radius, p.planning_resolution, p.max_planning_cells)
+    settings = GridSettings(
+        p.robot_radius,
+        p.planning_resolution,
+        p.max_planning_cells,
+        goal_tolerance=p.goal_tolerance,
+    )
     if p.pose_source == LOCKSTEP:
-        return PlanningCycle(settings)
+        return PlanningCycle(settings, p.blocked_after)
     return FreeCycle(replace(settings, resolution=settings.resolution or FREE_RESOLUTION_M))
 
 

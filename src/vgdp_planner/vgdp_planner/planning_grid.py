@@ -43,7 +43,7 @@ from gridnav.partial_map import (
 from vgdp_planner.ways import inflate, room_around, shortest_way
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -79,11 +79,20 @@ class GridSettings:
         robot_radius: Of the circle around the robot that must stay clear, in metres.
         resolution: Side of a block in metres, rounded to whole cells of the map; 0 for one cell.
         max_cells: Blocks become larger rather than more than this many.
+        keep_resolution: Whether blocks stay as they are where smaller ones would cut off less: a
+            robot that moves by whole blocks can't use those.
+        goal_tolerance: Where the goal is at an obstacle, the nearest place up to this far from it
+            will do, in metres, and one a block and the robot's radius away in any case.
+        center: A place, (x, y) in metres, that lies in the middle of a block; blocks begin at
+            multiples of their side if None.
     """
 
     robot_radius: float = 0.0
     resolution: float = 0.0
     max_cells: int = 40_000
+    keep_resolution: bool = False
+    goal_tolerance: float = 0.0
+    center: Point | None = None
 
 
 @dataclass(frozen=True)
@@ -253,14 +262,16 @@ def make_planning_grid(
     position: Point,
     goal: Point | None = None,
     settings: GridSettings | None = None,
-    visited: Iterable[Point] = (),
+    *,
+    visited: Collection[Point] = (),
+    blocked: Collection[Point] = (),
 ) -> PlanningGrid:
     """Make a map ready for the planner.
 
     A map is taken as it is where blocks are its cells and the robot has no radius. Any other is
     cropped to what is known, with a rim of unseen blocks around it, as nothing is known of what
-    lies beyond a map. Blocks begin at multiples of their side in the map's frame, wherever the
-    origin of a growing map moves.
+    lies beyond a map. Blocks lie at the same places in the map's frame, wherever the origin of a
+    growing map moves.
 
     Args:
         occupancy: Percent of occupancy, −1 where unknown, (rows, cols).
@@ -269,6 +280,7 @@ def make_planning_grid(
         goal: Position of the goal, if it is known.
         settings: Radius of the robot and size of the planning grid.
         visited: Where the robot has been: nothing is left to see there, whatever the map says.
+        blocked: Where it could not get to: there is an obstacle there, whatever the map says.
 
     Raises:
         OutsideMapError: If the robot is not on the map.
@@ -285,18 +297,34 @@ def make_planning_grid(
     factor = max(1, round(settings.resolution / geometry.resolution))
     if factor == 1 and settings.robot_radius == 0:
         partial_map = from_occupancy(occupancy, None if goal is None else geometry.cell_at(*goal))
+        for row, col in _cells_of(geometry, blocked):
+            partial_map[:, row, col] = 0.0
+            partial_map[OBSTACLE, row, col] = 1.0
         state: GoalState = 'none'
         if goal is not None:
             state = 'ok' if partial_map[GOAL].any() else 'outside'
         return PlanningGrid(partial_map, geometry, cell, goal=state)
-    coarsening = _Coarsening(occupancy, geometry, cell, goal, settings.robot_radius)
+    coarsening = _Coarsening(occupancy, geometry, cell, goal, settings)
     while coarsening.cells(factor) > settings.max_cells:
         factor += 1
-    grid = coarsening.grid(factor, visited)
-    while grid.lost and factor > 1 and coarsening.cells(factor // 2) <= settings.max_cells:
+    grid = coarsening.grid(factor, visited, blocked)
+    while (
+        grid.lost
+        and not settings.keep_resolution
+        and factor > 1
+        and coarsening.cells(factor // 2) <= settings.max_cells
+    ):
         factor //= 2
-        grid = coarsening.grid(factor, visited)
+        grid = coarsening.grid(factor, visited, blocked)
     return grid
+
+
+def _cells_of(geometry: GridGeometry, places: Iterable[Point]) -> Iterator[Cell]:
+    """Yield the cells of places that are on the grid."""
+    for place in places:
+        cell = geometry.cell_at(*place)
+        if geometry.contains(*cell):
+            yield cell
 
 
 class _Coarsening:
@@ -307,7 +335,7 @@ class _Coarsening:
         geometry: Where the map lies.
         robot: Its cell on the map.
         goal: Position of the goal in metres, if it is known.
-        radius: Of the robot, in metres.
+        settings: Radius of the robot and where blocks lie.
     """
 
     def __init__(
@@ -316,26 +344,33 @@ class _Coarsening:
         geometry: GridGeometry,
         robot: Cell,
         goal: Point | None,
-        radius: float,
+        settings: GridSettings,
     ) -> None:
         self._occupancy = occupancy
         self._geometry = geometry
-        self._radius = radius
+        self._radius = settings.robot_radius
+        self._center = settings.center
+        self._goal_tolerance = settings.goal_tolerance
         self._robot = np.array(robot)
         self._goal = None if goal is None else np.array(geometry.cell_at(*goal))
-        # Row and column of the map's first cell, counted from the origin of the frame.
-        self._anchor = np.array(
-            [
-                round(geometry.origin_y / geometry.resolution),
-                round(geometry.origin_x / geometry.resolution),
-            ]
-        )
         known = occupancy > UNKNOWN_VALUE
         corners = [self._robot]
         if known.any():
             spans = [np.flatnonzero(known.any(axis=axis)) for axis in (1, 0)]
             corners += [np.array([span[end] for span in spans]) for end in (0, -1)]
         self._low, self._high = np.min(corners, axis=0), np.max(corners, axis=0)
+
+    def _anchor(self, factor: int) -> NDArray[np.int64]:
+        """Return row and column of the map's first cell, counted from where a block begins."""
+        geometry = self._geometry
+        if self._center is not None:
+            return factor // 2 - np.array(geometry.cell_at(*self._center))
+        return np.array(
+            [
+                round(geometry.origin_y / geometry.resolution),
+                round(geometry.origin_x / geometry.resolution),
+            ]
+        )
 
     def _blocks(self, factor: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the first block and the one past the last, counted from the frame's origin."""
@@ -346,14 +381,17 @@ class _Coarsening:
                 low, high = np.minimum(low, self._goal), np.maximum(high, self._goal)
         # Wide enough to go around what is inflated at the edge.
         rim = 1 + math.ceil(self._radius / (factor * self._geometry.resolution))
-        return (self._anchor + low) // factor - rim, (self._anchor + high) // factor + rim + 1
+        anchor = self._anchor(factor)
+        return (anchor + low) // factor - rim, (anchor + high) // factor + rim + 1
 
     def cells(self, factor: int) -> int:
         """Return how many cells the planning grid has."""
         first, end = self._blocks(factor)
         return int((end - first).prod())
 
-    def grid(self, factor: int, visited: Iterable[Point]) -> PlanningGrid:
+    def grid(
+        self, factor: int, visited: Collection[Point], blocked: Collection[Point]
+    ) -> PlanningGrid:
         """Make the grid of blocks of one size.
 
         Raises:
@@ -362,7 +400,12 @@ class _Coarsening:
         first, end = self._blocks(factor)
         values, fine = self._window(first, end, factor)
         clear = ~inflate(values >= OCCUPIED_FROM, self._radius / fine.resolution)
-        to_window = self._anchor - first * factor
+        rows, cols = (end - first).tolist()
+        side = factor * fine.resolution
+        geometry = GridGeometry(rows, cols, side, fine.origin_x, fine.origin_y)
+        for row, col in _cells_of(geometry, blocked):
+            clear[row * factor : (row + 1) * factor, col * factor : (col + 1) * factor] = False
+        to_window = self._anchor(factor) - first * factor
         labels, _ = ndimage.label(clear)
         start = self._start(clear, labels, self._robot + to_window, factor)
         is_ground = labels == labels[start]
@@ -374,12 +417,8 @@ class _Coarsening:
         blocks = _reached_blocks(pieces, _block(start, factor))
         standable = pieces.standable & _spread(blocks, factor)
         partial_map = self._partial_map(values, seen_free, standable, pieces.is_open, factor)
-        rows, cols = blocks.shape
-        side = factor * fine.resolution
-        geometry = GridGeometry(rows, cols, side, fine.origin_x, fine.origin_y)
-        for point in visited:
-            block = geometry.cell_at(*point)
-            if geometry.contains(*block) and blocks[block]:
+        for block in _cells_of(geometry, visited):
+            if blocks[block]:
                 partial_map[(FREE, *block)] = 1.0
         cut = is_ground & ~standable
         # What was not seen may be anything, so it counts only where nothing else is left to see.
@@ -403,7 +442,7 @@ class _Coarsening:
     ) -> tuple[NDArray[np.int8], GridGeometry]:
         """Return the map's values between two blocks, −1 off the map, and where they lie."""
         rows, cols = ((end - first) * factor).tolist()
-        top, left = (first * factor - self._anchor).tolist()
+        top, left = (first * factor - self._anchor(factor)).tolist()
         values = np.full((rows, cols), UNKNOWN_VALUE, dtype=np.int8)
         known = self._occupancy[max(top, 0) : top + rows, max(left, 0) : left + cols]
         row, col = max(-top, 0), max(-left, 0)
@@ -431,7 +470,7 @@ class _Coarsening:
         """
         if clear[tuple(robot)]:
             return int(robot[0]), int(robot[1])
-        cells, distances = self._clear_around(clear, robot, factor)
+        cells, distances = self._clear_around(clear, robot, self._reach(factor))
         if not len(cells):
             msg = f'There is no clear place within {self._reach(factor)} cells of the robot.'
             raise OccupiedError(msg)
@@ -455,7 +494,8 @@ class _Coarsening:
             return None, 'outside'
         if clear[tuple(goal)]:
             return (int(goal[0]), int(goal[1])), 'ok'
-        cells, distances = self._clear_around(is_ground, goal, factor)
+        tolerance = math.ceil(self._goal_tolerance / self._geometry.resolution)
+        cells, distances = self._clear_around(is_ground, goal, max(self._reach(factor), tolerance))
         if not len(cells):
             return None, 'occupied'
         row, col = cells[distances.argmin()].tolist()
@@ -465,10 +505,9 @@ class _Coarsening:
         return math.ceil(self._radius / self._geometry.resolution) + factor
 
     def _clear_around(
-        self, clear: NDArray[np.bool_], place: NDArray[np.int64], factor: int
+        self, clear: NDArray[np.bool_], place: NDArray[np.int64], reach: int
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return the clear cells (N, 2) within reach of a place, and how far they are (N,)."""
-        reach = self._reach(factor)
         corner = np.maximum(place - reach, 0)
         top, left, bottom, right = *corner, *(place + reach + 1)
         cells = np.argwhere(clear[top:bottom, left:right]) + corner

@@ -11,6 +11,7 @@ from torch.nn import functional
 from vgdp_planner.analog_bits import NUM_BITS, decode, encode
 from vgdp_planner.diffusion import DiffusionProcess
 from vgdp_planner.map_encoder import BeliefMapEncoder, PooledMapEncoder
+from vgdp_planner.residual_denoiser import ResidualDenoiser
 from vgdp_planner.unet import ConditionalUNet
 
 if TYPE_CHECKING:
@@ -23,22 +24,26 @@ PLANS_AT_ONCE = 480
 
 
 class DiffusionPolicy(nn.Module):
-    """Map encoder, U-Net and diffusion process together."""
+    """Map encoder, denoiser and diffusion process together."""
 
     def __init__(self, config: PolicyConfig) -> None:
         super().__init__()
         self.config = config
         encoders = {'pooled': PooledMapEncoder, 'belief': BeliefMapEncoder}
         self.encoder = encoders[config.encoder](config.encoder_channels, config.embedding)
-        self.unet = ConditionalUNet(
-            NUM_BITS,
-            config.channels,
-            config.embedding,
-            config.time_embedding,
-            config.kernel,
-            config.groups,
-            config.stage_blocks,
-            config.residual_kernel,
+        self.denoiser = (
+            ResidualDenoiser(NUM_BITS, config)
+            if config.denoiser == 'residual'
+            else ConditionalUNet(
+                NUM_BITS,
+                config.channels,
+                config.embedding,
+                config.time_embedding,
+                config.kernel,
+                config.groups,
+                config.stage_blocks,
+                config.residual_kernel,
+            )
         )
         self.process = DiffusionProcess(config.diffusion_steps, config.prediction)
 
@@ -61,7 +66,7 @@ class DiffusionPolicy(nn.Module):
         noisy = self.process.add_noise(clean, noise, step)
         embedding = self.encoder(partial_maps, beliefs).repeat(repeats, 1)
         target = noise if self.config.prediction == 'epsilon' else clean
-        return functional.mse_loss(self.unet(noisy, step, embedding), target)
+        return functional.mse_loss(self.denoiser(noisy, step, embedding), target)
 
     @torch.no_grad()
     def sample(
@@ -102,7 +107,7 @@ class DiffusionPolicy(nn.Module):
         return decode(plan).reshape(batch, count, -1)
 
     def _denoise(self, plans: Tensor, step: int, embedding: Tensor) -> Tensor:
-        """Run the U-Net on plans (B · L, NUM_BITS, T_h) of one step, given embeddings (B, E)."""
+        """Denoise plans (B · L, NUM_BITS, T_h) of one step, given embeddings (B, E)."""
         count = len(plans) // len(embedding)
         together = max(PLANS_AT_ONCE // count, 1) if plans.device.type == 'cpu' else len(plans)
         parts = []
@@ -110,5 +115,5 @@ class DiffusionPolicy(nn.Module):
             of_maps = embedding[first : first + together]
             steps = torch.full((len(of_maps),), step, device=plans.device)
             of_plans = plans[first * count : (first + together) * count]
-            parts.append(self.unet(of_plans, steps, of_maps))
+            parts.append(self.denoiser(of_plans, steps, of_maps))
         return torch.cat(parts)

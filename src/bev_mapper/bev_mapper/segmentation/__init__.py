@@ -78,7 +78,8 @@ def make_segmenter(name: str, weights: Path | None = None) -> Segmenter | CloudS
 
     Args:
         name: One of `SEGMENTERS`.
-        weights: File of the weights, for those that need one or take another than they have.
+        weights: Of 'dgcnn' and 'swin3d', which come without, the file; of 'learned', a folder
+            with others than the shipped ones.
 
     Raises:
         ValueError: If it can't be, with one sentence that says why.
@@ -88,6 +89,10 @@ def make_segmenter(name: str, weights: Path | None = None) -> Segmenter | CloudS
         return GeometricSegmenter()
     if name == 'ground_truth':
         return GroundTruthSegmenter()
+    if name == 'learned':
+        from bev_mapper.segmentation.learned import LearnedSegmenter  # noqa: PLC0415
+
+        return LearnedSegmenter.from_folder(weights)
     if name == 'dgcnn':
         file = _given(name, weights)
         from bev_mapper.segmentation.dgcnn import DgcnnSegmenter  # noqa: PLC0415

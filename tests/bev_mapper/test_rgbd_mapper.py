@@ -50,7 +50,8 @@ def true_plan(geometry: GridGeometry, things: tuple[Box, ...] = FURNITURE) -> np
             (x > thing.low[0] - reach) & (x < thing.high[0] + reach)
             & (y > thing.low[1] - reach) & (y < thing.high[1] + reach)
         )  # fmt: skip
-    return plan | (np.abs(x) > ROOM.high[0] - 0.01) | (np.abs(y) > ROOM.high[1] - 0.01)
+    plan |= (np.abs(x) > ROOM.high[0] - 0.01) | (np.abs(y) > ROOM.high[1] - 0.01)
+    return plan
 
 
 @pytest.mark.parametrize('mode', ['evidence', 'majority'])

@@ -42,6 +42,7 @@ def test_geometric_labels_are_floor_ceiling_and_clutter(pitch: float) -> None:
         labels = GeometricSegmenter().labels(frame, points)
         assert labels.shape == frame.depth.shape
         assert labels.dtype == np.uint8
+        assert frame.labels is not None
         truth = np.where(np.isin(frame.labels, [FLOOR, CEILING]), frame.labels, CLUTTER)
         # The foot of a wall may be taken for floor, its head for ceiling, and no more.
         sure = (points[2] > 0.15) & (points[2] < 2.15) | (truth != CLUTTER)
@@ -155,7 +156,7 @@ def swin3d_stand_in(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     monkeypatch.setitem(sys.modules, 'Swin3D', ModuleType('Swin3D'))
     monkeypatch.setitem(sys.modules, 'Swin3D.models', models)
     stand_in = SimpleNamespace(SparseTensor=SparseTensor)
-    monkeypatch.setitem(sys.modules, 'MinkowskiEngine', stand_in)  # type: ignore[arg-type]
+    monkeypatch.setitem(sys.modules, 'MinkowskiEngine', stand_in)
     return calls
 
 

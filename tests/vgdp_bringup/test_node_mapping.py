@@ -57,11 +57,11 @@ def messages(frame: RgbdFrame) -> dict[str, Any]:
     """Return the messages of a frame by topic."""
     odometry = Odometry(header=header(frame.stamp, 'odom'), child_frame_id='base_link')
     odometry.pose.pose = to_pose_3d(frame.pose)
-    given: dict[str, Any] = {'stamp': frame.stamp, 'frame_id': OPTICAL}
+    stamp = frame.stamp
     return {
-        'camera/color/image_raw': to_image(frame.color, **given),
-        'camera/depth/image_raw': to_image(frame.depth, **given),
-        'camera/camera_info': to_camera_info(frame.camera, **given),
+        'camera/color/image_raw': to_image(frame.color, stamp=stamp, frame_id=OPTICAL),
+        'camera/depth/image_raw': to_image(frame.depth, stamp=stamp, frame_id=OPTICAL),
+        'camera/camera_info': to_camera_info(frame.camera, stamp=stamp, frame_id=OPTICAL),
         'odom': odometry,
     }
 

@@ -15,7 +15,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 
 from bev_mapper.evidence_grid import Crop
-from bev_mapper.frame_sync import SyncConfig
+from bev_mapper.frame_sync import KEPT_POSES, SyncConfig
 from bev_mapper.map_files import save_cloud, save_map
 from bev_mapper.rgbd_fusion import RgbdFusion
 from bev_mapper.rgbd_mapper import STAGES, MapperConfig, RgbdMapper
@@ -47,9 +47,6 @@ if TYPE_CHECKING:
 
 RESOLUTION_M = 0.1
 """Side of a cell unless another one is asked for."""
-
-POSES = 200
-"""So many poses wait while a frame is mapped: those of a robot come fifty or more a second."""
 
 CHECK_PERIOD_S = 0.25
 """How often what waits too long is looked for."""
@@ -91,12 +88,11 @@ class RgbdInput:
         # All views of a robot that looks around come at once and wait here for their turns.
         quality = RELIABLE_QOS if p.reliable_images else SENSOR_QOS
         images = QoSProfile(depth=p.queue_size, reliability=quality.reliability)
-        poses = QoSProfile(depth=POSES, reliability=RELIABLE_QOS.reliability)
         node.subscribe(
             Odometry,
             'odom',
             self._on_odom,
-            poses,
+            QoSProfile(depth=KEPT_POSES, reliability=RELIABLE_QOS.reliability),
             validate=partial(validate_odometry, frames=(p.odom_frame, p.map_frame)),
         )
         node.subscribe(

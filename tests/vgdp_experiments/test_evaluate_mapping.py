@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -72,7 +73,10 @@ def test_a_home_is_mapped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     pytest.importorskip('open3d', exc_type=ImportError)
     monkeypatch.setattr(evaluate_mapping, 'SEGMENTERS', ('ground_truth',))
     monkeypatch.setattr(evaluate_mapping, 'SIGMAS_MM', (0.0,))
-    small = evaluate_mapping.MappingEvaluation(homes=1, stops=4, headings=6, width=160, height=120)
+    monkeypatch.setattr(
+        evaluate_mapping, 'draw_home', partial(evaluate_mapping.draw_home, area=(22.0, 26.0))
+    )
+    small = evaluate_mapping.MappingEvaluation(stops=4, headings=6, width=160, height=120)
     found = evaluate_mapping.map_home((small, 1))
     (free, either), (occupied, both) = found['ground_truth']['0']
     assert free > 0.75 * either

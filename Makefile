@@ -44,8 +44,9 @@ lint: $(READY) ## Check style, format and types.
 workspace: $(READY) ## Build ros2_ws with colcon.
 	@scripts/build_workspace.sh ros2_ws
 
-bench: $(READY) ## Measure the simulator and the planner.
+bench: $(READY) ## Measure the simulator, the mapper and the planner.
 	@$(BIN)/vgdp bench sim
+	@$(BIN)/vgdp bench mapper
 	@$(BIN)/vgdp bench planner
 
 tables: $(READY) ## Write the tables, the result pages and the parameter file anew from the code.

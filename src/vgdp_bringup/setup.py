@@ -15,7 +15,7 @@ setup(
     license='Apache-2.0',
     python_requires='>=3.11',
     packages=find_packages(),
-    package_data={PACKAGE: ['py.typed', 'quick_discovery.xml']},
+    package_data={PACKAGE: ['py.typed', 'quick_discovery.xml', 'quick_images.xml']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

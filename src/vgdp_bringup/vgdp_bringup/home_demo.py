@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from avd_player.homes.synth import write_homes
 from avd_player.homes.write import scene_name
 from avd_player.sources import open_source
 from vgdp_bringup.demo import (
-    QUICK_DISCOVERY,
     follow,
     make_display,
     present,
@@ -28,8 +28,6 @@ from vgdp_experiments.object_search import (
 )
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from rich.console import Console
 
 VIEWS = 12
@@ -42,6 +40,9 @@ IMAGE_WIDTH = 480
 
 HOMES_SEED = 1
 """Of the homes; the seed of the demo says which of them."""
+
+QUICK_IMAGES = Path(__file__).with_name('quick_images.xml')
+"""Settings of Fast DDS with which processes find each other at once and exchange many images."""
 
 RECORDED = (
     'odom map goal_pose plan action waypoint plan_candidates value_map episode '
@@ -92,7 +93,7 @@ def run_stack(options: HomeDemoOptions, bag: Path, console: Console) -> None:
     """
     scene = options.scene or _make_home(options, console)
     domain_id = free_domain_id()
-    os.environ.setdefault('FASTRTPS_DEFAULT_PROFILES_FILE', str(QUICK_DISCOVERY))
+    os.environ.setdefault('FASTRTPS_DEFAULT_PROFILES_FILE', str(QUICK_IMAGES))
     console.print(f'Starting the nodes, ROS_DOMAIN_ID={domain_id}.')
     with NodeProcesses(options.out / 'logs', domain_id) as nodes, RunWatcher(domain_id) as watcher:
         topics = {} if options.images else {'topics': f"'{RECORDED}'"}

@@ -94,7 +94,9 @@ def write_scene(folder: Path, scan: Scan, boxes: list[list[Box]]) -> None:
     _write_annotations(folder, names, links, boxes)
     _write_structs(folder, scan, names, links)
     camera = scan.lens.camera
-    numbers = camera.fx, camera.fy, camera.cx, camera.cy, *scan.lens.distortion
+    # COLMAP has the middle of the first pixel at (0.5, 0.5).
+    center = camera.cx + 0.5, camera.cy + 0.5
+    numbers = camera.fx, camera.fy, *center, *scan.lens.distortion
     (folder / 'cameras.txt').write_text(
         '# Camera list with one line of data per camera:\n'
         '#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n'

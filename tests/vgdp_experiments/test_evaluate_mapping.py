@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from avd_player.homes.home import FREE, OCCUPIED, OUTSIDE, TruePlan
+from avd_player.homes.plan import draw_home
 from bev_mapper.rgbd_mapper import MapperConfig
 from bev_mapper.room import render, walk
 from gridnav.partial_map import FREE_VALUE, OCCUPIED_VALUE, UNKNOWN_VALUE
@@ -73,9 +74,7 @@ def test_a_home_is_mapped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     pytest.importorskip('open3d', exc_type=ImportError)
     monkeypatch.setattr(evaluate_mapping, 'SEGMENTERS', ('ground_truth',))
     monkeypatch.setattr(evaluate_mapping, 'SIGMAS_MM', (0.0,))
-    monkeypatch.setattr(
-        evaluate_mapping, 'draw_home', partial(evaluate_mapping.draw_home, area=(22.0, 26.0))
-    )
+    monkeypatch.setattr(evaluate_mapping, 'draw_home', partial(draw_home, positions=120))
     small = evaluate_mapping.MappingEvaluation(stops=4, headings=6, width=160, height=120)
     found = evaluate_mapping.map_home((small, 1))
     (free, either), (occupied, both) = found['ground_truth']['0']

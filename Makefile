@@ -12,7 +12,7 @@ SETUP_FILES := scripts/setup.sh $(wildcard requirements*.txt src/*/setup.py src/
 .DEFAULT_GOAL := help
 
 help: ## Show these lines.
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 $(READY): $(SETUP_FILES)
 	@PYTHON='$(PYTHON)' scripts/setup.sh '$@'
@@ -24,6 +24,12 @@ demo: $(READY) ## Watch a robot find its way out of a maze; ARGS="--size 30 --se
 
 demo-seeds: $(READY) ## Run the demo for the seeds 0 to 19 and print a table; ARGS as above.
 	@scripts/demo_seeds.sh $(ARGS)
+
+demo-home: $(READY) ## Watch a robot with a camera find a bottle in a home; ARGS="--seed 7" and the like vary it.
+	@$(BIN)/vgdp demo-home $(ARGS)
+
+demo-home-seeds: $(READY) ## Run that demo for the seeds 0 to 19 and print a table; ARGS as above.
+	@DEMO=demo-home scripts/demo_seeds.sh $(ARGS)
 
 # A sourced ROS 2 brings pytest plugins of its own, made for another pytest. Small networks on many
 # threads only get in the way of the nodes that run beside them.
@@ -51,4 +57,4 @@ clean: ## Remove what the other targets made, the virtual environment too.
 	rm -rf .venv out ros2_ws/build ros2_ws/install ros2_ws/log .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find src -name '*.egg-info' -prune -exec rm -rf {} +
 
-.PHONY: help setup demo demo-seeds test lint workspace bench tables clean
+.PHONY: help setup demo demo-seeds demo-home demo-home-seeds test lint workspace bench tables clean

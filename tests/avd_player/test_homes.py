@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +19,7 @@ from avd_player.homes.lens import AVD_LENS
 from avd_player.homes.noise import DepthNoise, add_noise
 from avd_player.homes.plan import draw_home
 from avd_player.homes.render import HomeRenderer
-from avd_player.homes.scene import HEADINGS, Scan, SceneSettings
+from avd_player.homes.scene import HEADINGS, Box, Scan, SceneSettings
 from avd_player.homes.synth import write_homes
 from avd_player.homes.write import FIELDS, image_stem, write_scene, write_shot
 from gridnav.actions import STEPS
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-SEED, NUMBER = 5, 3
-SETTINGS = SceneSettings(width=160, height=90, positions=120)
+SEED, NUMBER = 5, 19
+SETTINGS = SceneSettings(width=160, height=90)
 
 
 @cache
@@ -41,14 +41,19 @@ def scan() -> Scan:
     return Scan(SEED, NUMBER, SETTINGS)
 
 
+def beside() -> int:
+    """Return the first image of a position next to the first one."""
+    return int(scan().home.moves[0].max()) * HEADINGS
+
+
 @pytest.fixture(scope='module')
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write the scene, but images of the first positions only."""
-    folder = tmp_path_factory.mktemp('homes') / 'Home_103_1'
+    folder = tmp_path_factory.mktemp('homes') / 'Home_119_1'
     for part in ('jpg_rgb', 'high_res_depth', 'labels'):
         (folder / part).mkdir(parents=True)
-    boxes = [[] for _ in scan().poses]
-    for index in range(2 * HEADINGS):
+    boxes: list[list[Box]] = [[] for _ in scan().poses]
+    for index in [*range(HEADINGS), *range(beside(), beside() + HEADINGS)]:
         shot = scan().shoot(index)
         boxes[index] = shot.boxes
         write_shot(folder, NUMBER, index, shot)
@@ -117,7 +122,7 @@ def test_the_plan_shows_rooms_and_walls() -> None:
 
 def test_a_seed_is_a_home() -> None:
     """The same seed gives the same home, another one another."""
-    home, again = scan().home, draw_home([SEED, NUMBER], positions=SETTINGS.positions)
+    home, again = scan().home, draw_home([SEED, NUMBER])
     np.testing.assert_array_equal(home.mesh.vertices, again.mesh.vertices)
     np.testing.assert_array_equal(home.positions, again.positions)
     assert home.lights == again.lights
@@ -164,10 +169,13 @@ def written(scene: Path, index: int) -> tuple[NDArray[np.float64], ...]:
     return depth, one['R'], one['world_pos'].ravel() * float(file['scale'][0, 0]) / 1000
 
 
-@pytest.mark.parametrize('other', [1, HEADINGS])
-def test_two_views_agree(scene: Path, other: int) -> None:
+@pytest.mark.parametrize('turned', [True, False])
+def test_two_views_agree(scene: Path, *, turned: bool) -> None:
     """What two images see of the same surface is in the same place to 5 mm, as written."""
-    depth, rotation, place = written(scene, 0)
+    far = [float(np.median(written(scene, index)[0])) for index in range(HEADINGS)]
+    first = int(np.argmax(far))
+    other = (first + 1) % HEADINGS if turned else beside() + first
+    depth, rotation, place = written(scene, first)
     world = (scan().lens.directions() * depth[..., None]) @ rotation + place
     depth, rotation, place = written(scene, other)
     local = (world.reshape(-1, 3) - place) @ rotation.T
@@ -221,7 +229,7 @@ def test_annotations_link_the_images(scene: Path) -> None:
     poses = scan().scan_poses()
     moves = 0
     for name, entry in entries.items():
-        assert list(entry)[0] == 'bounding_boxes'
+        assert next(iter(entry)) == 'bounding_boxes'
         assert entries[entry['rotate_ccw']]['rotate_cw'] == name
         first = number[name] // HEADINGS
         assert number[entry['rotate_ccw']] // HEADINGS == first
@@ -329,21 +337,25 @@ def test_scenes_are_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     from avd_player.homes import synth  # noqa: PLC0415
 
     monkeypatch.setattr(synth, 'Scan', lambda *_: scan())
-    monkeypatch.setattr(scan(), 'shoot', lambda _index, shot=scan().shoot(0): shot)
+    shot = scan().shoot(0)
+    monkeypatch.setattr(scan(), 'shoot', lambda _index: shot)
     monkeypatch.setattr(synth, 'write_shot', lambda *_: None)
-    part = tmp_path / '.Home_103_1.part'
+    part = tmp_path / '.Home_119_1.part'
     part.mkdir()
     (part / 'left').write_text('from before')
-    how = {'settings': SETTINGS, 'first': NUMBER, 'progress': False}
-    assert write_homes(tmp_path, 1, SEED, **how) == 1
-    assert sorted(path.name for path in tmp_path.iterdir()) == ['Home_103_1', 'instance_id_map.txt']
-    made = {path.name: path.read_bytes() for path in (tmp_path / 'Home_103_1').glob('*.*')}
+    write = partial(write_homes, settings=SETTINGS, first=NUMBER, progress=False)
+    assert write(tmp_path, 1, SEED) == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        'Home_119_1',
+        'instance_id_map.txt',
+    ]
+    made = {path.name: path.read_bytes() for path in (tmp_path / 'Home_119_1').glob('*.*')}
     assert 'left' not in made
-    assert write_homes(tmp_path, 1, SEED, **how) == 0
+    assert write(tmp_path, 1, SEED) == 0
     with pytest.raises(ValueError, match='other options'):
-        write_homes(tmp_path, 1, SEED + 1, **how)
-    write_homes(tmp_path / 'again', 1, SEED, **how)
-    again = tmp_path / 'again' / 'Home_103_1'
+        write(tmp_path, 1, SEED + 1)
+    write(tmp_path / 'again', 1, SEED)
+    again = tmp_path / 'again' / 'Home_119_1'
     assert made == {path.name: path.read_bytes() for path in again.glob('*.*')}
 
 

@@ -24,7 +24,16 @@ ROSDEP_KEYS = {
 }
 """What package.xml calls a module; ROS packages and ours go by their own names."""
 
-PYPI_ONLY = {'gymnasium', 'mcap', 'open3d', 'rich', 'rosbags', 'safetensors', 'tensorboard', 'torch'}
+PYPI_ONLY = {
+    'gymnasium',
+    'mcap',
+    'open3d',
+    'rich',
+    'rosbags',
+    'safetensors',
+    'tensorboard',
+    'torch',
+}
 """Modules for which rosdep has no key; a comment in package.xml names them."""
 
 PYPI_NAMES = {'PIL': 'pillow', 'open3d': 'open3d-cpu', 'yaml': 'pyyaml'}
@@ -49,6 +58,7 @@ ROS_MODULES = {
     'nav_msgs',
     'rcl_interfaces',
     'rclpy',
+    'rosgraph_msgs',
     'sensor_msgs',
     'std_msgs',
     'std_srvs',

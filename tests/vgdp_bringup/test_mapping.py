@@ -28,7 +28,8 @@ def write_sequence(folder: Path, frames: list[RgbdFrame]) -> Path:
     """Write frames as 7-Scenes has them."""
     folder.mkdir()
     camera = frames[0].camera
-    intrinsics = [[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]]
+    intrinsics = np.diag([camera.fx, camera.fy, 1.0])
+    intrinsics[:2, 2] = camera.cx, camera.cy
     np.savetxt(folder / 'camera-intrinsics.txt', intrinsics)
     np.savetxt(folder / 'T_zup_from_world.txt', np.eye(4))
     for number, frame in enumerate(frames):

@@ -57,11 +57,11 @@ def messages(frame: RgbdFrame) -> dict[str, Any]:
     """Return the messages of a frame by topic."""
     odometry = Odometry(header=header(frame.stamp, 'odom'), child_frame_id='base_link')
     odometry.pose.pose = to_pose_3d(frame.pose)
-    given = {'stamp': frame.stamp, 'frame_id': OPTICAL}
+    stamp = frame.stamp
     return {
-        'camera/color/image_raw': to_image(frame.color, **given),
-        'camera/depth/image_raw': to_image(frame.depth, **given),
-        'camera/camera_info': to_camera_info(frame.camera, **given),
+        'camera/color/image_raw': to_image(frame.color, stamp=stamp, frame_id=OPTICAL),
+        'camera/depth/image_raw': to_image(frame.depth, stamp=stamp, frame_id=OPTICAL),
+        'camera/camera_info': to_camera_info(frame.camera, stamp=stamp, frame_id=OPTICAL),
         'odom': odometry,
     }
 
@@ -133,7 +133,12 @@ def test_the_map_of_a_bag_is_that_of_the_node(
     """To the last bit, with the node's defaults and those of the command."""
     node_process(
         'bev_mapper.node',
-        {'input': 'rgbd', 'camera_z': MOUNT.z, 'camera_pitch': MOUNT.pitch},
+        {
+            'input': 'rgbd',
+            'camera_z': MOUNT.z,
+            'camera_pitch': MOUNT.pitch,
+            'reliable_images': True,
+        },
     )
     maps = probe.record(OccupancyGrid, 'map', MAP_QOS)
     probabilities = probe.record(OccupancyGrid, 'bev_mapper/probability', MAP_QOS)
@@ -144,7 +149,7 @@ def test_the_map_of_a_bag_is_that_of_the_node(
         for topic, message in messages(frame).items():
             publishers[topic].publish(message)
         wait_for(lambda: maps and to_nanoseconds(maps[-1].header.stamp) == frame.stamp)  # noqa: B023
-    wait_for(lambda: len(probabilities) == len(maps))
+    wait_for(lambda: probabilities and probabilities[-1].header == maps[-1].header)
     bag = write_bag(tmp_path / 'bag')
     grid = map_source(MapOptions(bag, tmp_path, mount=MOUNT)).mapper.grid
     cells, geometry = from_occupancy_grid(maps[-1])

@@ -37,7 +37,7 @@ class SyncConfig:
 
     image_slop: int = 0
     pose_slop: int = 100_000_000
-    wait: int = 1_000_000_000
+    wait: int = 5_000_000_000
     kept: int = 32
 
 

@@ -173,7 +173,7 @@ class MapperParameters:
         read_only=True,
     )
     wait: float = parameter(
-        1.0,
+        5.0,
         'RGB-D: a depth image waits so long for the rest, then it is left out',
         unit='s',
         low=0.0,
@@ -244,7 +244,7 @@ class MapperParameters:
     )
     max_pixels: int = parameter(
         130_000,
-        'RGB-D: the segmenter gets no more pixels of an image than this, of larger ones every k-th',
+        'RGB-D: the segmenter gets no more pixels of an image than this',
         low=1000,
         high=1_000_000,
         read_only=True,

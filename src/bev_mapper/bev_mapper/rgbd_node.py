@@ -15,7 +15,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 
 from bev_mapper.evidence_grid import Crop
-from bev_mapper.frame_sync import SyncConfig
+from bev_mapper.frame_sync import KEPT_POSES, SyncConfig
 from bev_mapper.map_files import save_cloud, save_map
 from bev_mapper.rgbd_fusion import RgbdFusion
 from bev_mapper.rgbd_mapper import STAGES, MapperConfig, RgbdMapper
@@ -78,7 +78,6 @@ class RgbdInput:
         self._fusion = RgbdFusion(mapper, sync_config(p), mount)
         self._unpublished = 0
         self._fused_at = 0
-        self._shown = -1
         self._map = node.advertise(OccupancyGrid, 'map', MAP_QOS)
         self._probability = node.advertise(OccupancyGrid, '~/probability', MAP_QOS)
         self._points = node.advertise(PointCloud2, 'points', SENSOR_QOS)
@@ -86,16 +85,16 @@ class RgbdInput:
         node.subscribe(
             DiagnosticStatus, 'episode', self._on_episode, EPISODE_QOS, single_source=False
         )
+        # All views of a robot that looks around come at once and wait here for their turns.
+        quality = RELIABLE_QOS if p.reliable_images else SENSOR_QOS
+        images = QoSProfile(depth=p.queue_size, reliability=quality.reliability)
         node.subscribe(
             Odometry,
             'odom',
             self._on_odom,
-            RELIABLE_QOS,
+            QoSProfile(depth=KEPT_POSES, reliability=RELIABLE_QOS.reliability),
             validate=partial(validate_odometry, frames=(p.odom_frame, p.map_frame)),
         )
-        # All views of a robot that looks around come at once and wait here for their turns.
-        quality = RELIABLE_QOS if p.reliable_images else SENSOR_QOS
-        images = QoSProfile(depth=p.queue_size, reliability=quality.reliability)
         node.subscribe(
             CameraInfo,
             'camera/camera_info',
@@ -224,17 +223,16 @@ class RgbdInput:
             self._publish()
 
     def _show(self) -> None:
-        """Publish the cloud if it changed and somebody looks."""
+        """Publish the cloud if there is one and somebody looks, also those who came late."""
         mapper = self._fusion.mapper
-        if mapper.frames == self._shown or not self._points.get_subscription_count():
+        if not len(mapper.cloud) or not self._points.get_subscription_count():
             return
-        self._shown = mapper.frames
         cloud = mapper.cloud.points()
         self._points.publish(
             to_point_cloud(
                 cloud,
                 self._parameters.max_published,
-                stamp=max(mapper.stamp, 0),
+                stamp=mapper.stamp,
                 frame_id=self._parameters.map_frame,
             )
         )

@@ -37,6 +37,10 @@ CLASSES = (
 UNLABELLED = 255
 """Label of what has none."""
 
+VIEW_SUFFIX = '_view'
+"""What is added to the name of the robot's frame in an odom of a view that is not the last of its
+step: the robot stands where it stood, and looks elsewhere."""
+
 MILLIMETRE = np.float32(0.001)
 """Depth as uint16 counts these, in metres."""
 

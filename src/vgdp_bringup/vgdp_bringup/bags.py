@@ -19,6 +19,7 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 
 from gridnav.grid import GridGeometry
 from gridnav.metrics import Outcome
+from gridnav.rgbd import VIEW_SUFFIX
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
@@ -213,6 +214,8 @@ def read_bag(path: Path, namespace: str = '/') -> Bag:
     ordered = [episodes[start] for start in sorted(episodes)]
     steps: dict[int, Step] = {}
     for received, message in messages['odom']:
+        if message.child_frame_id.endswith(VIEW_SUFFIX):
+            continue
         stamp = stamp_of(message)
         position = message.pose.pose.position
         if stamp not in steps and stamp >= ordered[0].start:

@@ -31,6 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     groups = parser.add_subparsers(required=True, metavar='COMMAND')
     _add_info(groups)
     _add_demo(groups)
+    _add_home_demo(groups)
     _add_bag(groups)
     _add_view(groups)
     _add_map(groups)
@@ -211,6 +212,57 @@ def _run_demo(args: argparse.Namespace) -> int:
             rate=args.rate,
             max_steps=args.max_steps,
             timeout=args.timeout,
+            out=args.out,
+        )
+    )
+
+
+def _add_home_demo(groups: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    what = 'watch a robot with a camera find a bottle in a home'
+    parser = groups.add_parser(
+        'demo-home',
+        help=what,
+        description=f'vgdp demo-home: {what}. The nodes run as processes of their own.',
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    add = parser.add_argument
+    add('--seed', type=int, default=0, metavar='N', help='which home, which start')
+    add('--scene', type=Path, metavar='FOLDER', help='scene to use instead of a synthetic home')
+    add('--segmenter', default='geometric', metavar='NAME', help='geometric or learned')
+    add('--rate', type=float, default=0.0, metavar='HZ', help='steps a second, 0 for no limit')
+    add('--max-steps', type=int, default=500, metavar='N', help='steps until the end')
+    add('--timeout', type=float, default=60.0, metavar='S', help='longest time without a step')
+    add('--images', action='store_true', help='record images and points, too')
+    add(
+        '--homes',
+        type=Path,
+        default=Path('out/homes'),
+        metavar='FOLDER',
+        help='where the synthetic homes are, and are made',
+    )
+    add(
+        '--out',
+        type=Path,
+        default=Path('out/demo-home'),
+        metavar='FOLDER',
+        help='where the bag, the logs and the pictures go',
+    )
+    parser.set_defaults(run=_run_home_demo)
+
+
+def _run_home_demo(args: argparse.Namespace) -> int:
+    from vgdp_bringup.home_demo import HomeDemoOptions, run  # noqa: PLC0415 - loads ROS
+
+    return run(
+        HomeDemoOptions(
+            seed=args.seed,
+            scene=args.scene,
+            segmenter=args.segmenter,
+            rate=args.rate,
+            max_steps=args.max_steps,
+            timeout=args.timeout,
+            images=args.images,
+            homes=args.homes,
             out=args.out,
         )
     )

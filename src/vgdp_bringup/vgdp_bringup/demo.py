@@ -22,6 +22,8 @@ from vgdp_bringup.report import write_report
 from vgdp_bringup.watcher import RunWatcher
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from vgdp_bringup.bags import Episode
     from vgdp_bringup.progress import Display
 
@@ -72,21 +74,34 @@ def run(options: DemoOptions) -> int:
     Returns:
         The exit status: 0 only if the robot said Done on the goal.
     """
+    return present(lambda bag, console: run_stack(options, bag, console), options.out)
+
+
+def present(play: Callable[[Path, Console], None], out: Path) -> int:
+    """Play an episode that is recorded into a bag, then draw it and report on it.
+
+    Args:
+        play: Plays and records, given the folder of the bag and where to print.
+        out: Folder for the bag, the logs and the pictures.
+
+    Returns:
+        The exit status: 0 only if the robot said Done on the goal.
+    """
     console = Console(highlight=False)
-    bag = options.out / 'bag'
+    bag = out / 'bag'
     # Ctrl-C and kill are the same to us: stop the nodes, then leave. A shell has its background
     # processes ignore the first one.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
     try:
-        for folder in (bag, options.out / 'logs'):
+        for folder in (bag, out / 'logs'):
             shutil.rmtree(folder, ignore_errors=True)
-        run_stack(options, bag, console)
+        play(bag, console)
         episode = read_episodes(bag)[0]
         console.print('Drawing the pictures and writing the report from the bag.')
-        gif, still = save_pictures(episode, options.out)
-        page, _, _ = write_report([bag], options.out)
-    except (NodeFailure, BagError, TimeoutError) as error:
+        gif, still = save_pictures(episode, out)
+        page, _, _ = write_report([bag], out)
+    except (NodeFailure, BagError, TimeoutError, ValueError, OSError) as error:
         console.print(f'The demo failed: {error}', soft_wrap=True, style='red')
         return 1
     except KeyboardInterrupt:
@@ -126,18 +141,18 @@ def run_stack(options: DemoOptions, bag: Path, console: Console) -> None:
     os.environ.setdefault('FASTRTPS_DEFAULT_PROFILES_FILE', str(QUICK_DISCOVERY))
     console.print(f'Starting the nodes, ROS_DOMAIN_ID={domain_id}.')
     with NodeProcesses(options.out / 'logs', domain_id) as nodes, RunWatcher(domain_id) as watcher:
-        nodes.start('recorder', _python('vgdp_bringup.node'), {'bag': bag})
+        nodes.start('recorder', python('vgdp_bringup.node'), {'bag': bag})
         nodes.start(
             'bev_mapper',
-            _python('bev_mapper.node'),
+            python('bev_mapper.node'),
             # The whole maze from the start, so that the map is the one of the simulator.
             {'width': options.size, 'height': options.size, 'origin_x': 0.0, 'origin_y': 0.0},
         )
-        nodes.start('vgdp_planner', _python('vgdp_planner.node'), {'seed': options.seed})
-        _wait_for_nodes({'recorder', 'bev_mapper', 'vgdp_planner'}, nodes, watcher)
+        nodes.start('vgdp_planner', python('vgdp_planner.node'), {'seed': options.seed})
+        wait_for_nodes({'recorder', 'bev_mapper', 'vgdp_planner'}, nodes, watcher)
         nodes.start(
             'maze_sim',
-            _python('maze_sim.node'),
+            python('maze_sim.node'),
             {
                 'kind': options.kind,
                 'size': options.size,
@@ -147,16 +162,23 @@ def run_stack(options: DemoOptions, bag: Path, console: Console) -> None:
                 'max_steps': options.max_steps,
             },
         )
-        with _display(console) as display:
-            _follow(watcher, nodes, display, options.timeout)
+        with make_display(console) as display:
+            follow(watcher, nodes, display, options.timeout)
         nodes.stop()
 
 
-def _python(module: str) -> list[str]:
+def python(module: str) -> list[str]:
+    """Return the command that runs a module."""
     return [sys.executable, '-m', module]
 
 
-def _wait_for_nodes(names: set[str], nodes: NodeProcesses, watcher: RunWatcher) -> None:
+def wait_for_nodes(names: set[str], nodes: NodeProcesses, watcher: RunWatcher) -> None:
+    """Wait until nodes of these names are there.
+
+    Raises:
+        NodeFailure: If one ended.
+        TimeoutError: If it takes too long.
+    """
     end = time.monotonic() + START_TIMEOUT_S
     while missing := names - watcher.node_names():
         nodes.check()
@@ -166,7 +188,7 @@ def _wait_for_nodes(names: set[str], nodes: NodeProcesses, watcher: RunWatcher) 
         watcher.spin(REFRESH_S)
 
 
-def _follow(watcher: RunWatcher, nodes: NodeProcesses, display: Display, timeout: float) -> None:
+def follow(watcher: RunWatcher, nodes: NodeProcesses, display: Display, timeout: float) -> None:
     """Show the episode until it has ended."""
     progress = watcher.progress
     steps, last_step = 0, time.monotonic()
@@ -183,5 +205,6 @@ def _follow(watcher: RunWatcher, nodes: NodeProcesses, display: Display, timeout
     display.update(progress)
 
 
-def _display(console: Console) -> Display:
+def make_display(console: Console) -> Display:
+    """Return what suits a terminal, or a file."""
     return LiveDisplay(console) if console.is_terminal else PlainDisplay(console)

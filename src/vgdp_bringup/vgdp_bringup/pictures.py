@@ -197,6 +197,8 @@ def describe_world(episode: Episode) -> str:
     world = 'An unknown place'
     if 'rows' in values and 'cols' in values:
         world = f'A maze of {values["rows"]} × {values["cols"]} cells'
+    if 'scene' in values:
+        world = f'{values["scene"]}, {values["positions"]} positions'
     if 'view_range' in values:
         world += f', view range {values["view_range"]}'
     if 'seed' in values:

@@ -18,6 +18,7 @@ from rich.progress import track
 from bev_mapper import GridFusion, LocalMapFusion, Pose2D, Window
 from bev_mapper.grid_fusion import DEFAULT_GROWTH
 from gridnav.actions import DONE, STEPS
+from gridnav.rgbd import VIEW_SUFFIX
 from vgdp_bringup.bags import (
     LINE_STRIP,
     NANOSECONDS,
@@ -330,6 +331,8 @@ def _planner_inputs(
                 grid = to_grid(message)
                 take_in = partial(cycle.add_map, stamp, grid.cells, grid.geometry)
             elif topic == 'odom':
+                if message.child_frame_id.endswith(VIEW_SUFFIX):
+                    continue
                 position = message.pose.pose.position
                 take_in = partial(cycle.add_pose, stamp, position.x, position.y)
             else:

@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.progress import track
 
 from gridnav.partial_map import FREE_VALUE, OCCUPIED_VALUE, UNKNOWN_VALUE
+from gridnav.rgbd import VIEW_SUFFIX
 from vgdp_bringup.bags import LINE_STRIP, NANOSECONDS, namespaces, read_messages, stamp_of, to_grid
 from vgdp_bringup.pictures import CELL_COLORS, GOAL, PATH, PLAN, ROBOT, VALUE_COLORS
 
@@ -245,7 +246,7 @@ class Scene:
 
     def _show_odom(self, _: int, message: Any) -> None:  # noqa: ANN401
         stamp = stamp_of(message)
-        if stamp <= self._path_stamp:
+        if stamp <= self._path_stamp or message.child_frame_id.endswith(VIEW_SUFFIX):
             return
         self._path_stamp = stamp
         position = message.pose.pose.position

@@ -11,6 +11,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
+from gridnav.rgbd import VIEW_SUFFIX
 from gridnav.ros.conversions import from_occupancy_grid, to_nanoseconds
 from gridnav.ros.episode import EpisodeStatus
 from vgdp_bringup.bags import WORLDS
@@ -122,7 +123,7 @@ class RunWatcher(TopicListener):
 
     def _on_odom(self, message: Odometry) -> None:
         stamp = to_nanoseconds(message.header.stamp)
-        if stamp > self._odom_stamp:
+        if stamp > self._odom_stamp and not message.child_frame_id.endswith(VIEW_SUFFIX):
             self._odom_stamp = stamp
             position = message.pose.pose.position
             self.progress.path.append((position.x, position.y))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -95,6 +94,7 @@ class PlanningCycle:
         self._forget_places()
 
     def _forget_places(self) -> None:
+        self._settings = replace(self._settings, center=None)
         self._visited: dict[tuple[int, int], Point] = {}
         self._blocked: dict[tuple[int, int], Point] = {}
         self._failures: Counter[tuple[int, int]] = Counter()
@@ -166,6 +166,9 @@ class PlanningCycle:
         carried_out = sum(pose_stamp > self._planned for pose_stamp in self._poses)
         if carried_out < max(len(self._committed), 1) and not (overdue and self._planned >= 0):
             return None
+        if self._settings.center is None:
+            # Steps lead from the middle of a block to the middle of another.
+            self._settings = replace(self._settings, center=self._poses[newest])
         self._note_steps()
         return Observation(stamp, self._grid_now())
 
@@ -207,9 +210,10 @@ class PlanningCycle:
                 self._blocked[key] = place
 
     def _key(self, place: Point) -> tuple[int, int]:
-        """Return the block of a place, counted from the origin of the map's frame."""
+        """Return the block of a place, counted from the one where the episode began."""
         side = self._grid.geometry.resolution if self._grid else 1.0
-        return math.floor(place[0] / side), math.floor(place[1] / side)
+        x, y = self._settings.center or (0.0, 0.0)
+        return round((place[0] - x) / side), round((place[1] - y) / side)
 
     def grid_at(self, position: Point, goal: Point | None) -> PlanningGrid:
         """Return the planning grid of the newest map for a robot and a goal somewhere on it.

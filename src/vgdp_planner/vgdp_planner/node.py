@@ -16,6 +16,7 @@ from std_msgs.msg import ColorRGBA, UInt8
 from visualization_msgs.msg import Marker, MarkerArray
 
 from gridnav.actions import DONE
+from gridnav.rgbd import VIEW_SUFFIX
 from gridnav.ros.conversions import (
     from_occupancy_grid,
     header,
@@ -146,6 +147,15 @@ class PlannerParameters:
         high=MAX_CELLS,
         read_only=True,
     )
+    goal_tolerance: float = parameter(
+        0.0,
+        'Where the goal is at an obstacle, such as a thing on a table, the nearest place up to '
+        'this far from it will do',
+        unit='m',
+        low=0.0,
+        high=100.0,
+        read_only=True,
+    )
     blocked_after: int = parameter(
         3,
         'In lockstep, a place that so many steps did not get to counts as an obstacle',
@@ -274,6 +284,8 @@ class PlannerNode(BaseNode[PlannerParameters]):
         self._cycle.set_goal(to_nanoseconds(message.header.stamp), position.x, position.y)
 
     def _on_odom(self, cycle: PlanningCycle, message: Odometry) -> None:
+        if message.child_frame_id.endswith(VIEW_SUFFIX):
+            return
         position = message.pose.pose.position
         stamp = to_nanoseconds(message.header.stamp)
         if cycle.add_pose(stamp, position.x, position.y):
@@ -476,7 +488,12 @@ class PlannerNode(BaseNode[PlannerParameters]):
 def make_cycle(parameters: PlannerParameters) -> PlanningCycle | FreeCycle:
     """Return what says when to plan, for the pose source of the parameters."""
     p = parameters
-    settings = GridSettings(p.robot_radius, p.planning_resolution, p.max_planning_cells)
+    settings = GridSettings(
+        p.robot_radius,
+        p.planning_resolution,
+        p.max_planning_cells,
+        goal_tolerance=p.goal_tolerance,
+    )
     if p.pose_source == LOCKSTEP:
         return PlanningCycle(settings, p.blocked_after)
     return FreeCycle(replace(settings, resolution=settings.resolution or FREE_RESOLUTION_M))

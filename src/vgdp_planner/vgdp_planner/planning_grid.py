@@ -81,12 +81,18 @@ class GridSettings:
         max_cells: Blocks become larger rather than more than this many.
         keep_resolution: Whether blocks stay as they are where smaller ones would cut off less: a
             robot that moves by whole blocks can't use those.
+        goal_tolerance: Where the goal is at an obstacle, the nearest place up to this far from it
+            will do, in metres, and one a block and the robot's radius away in any case.
+        center: A place, (x, y) in metres, that lies in the middle of a block; blocks begin at
+            multiples of their side if None.
     """
 
     robot_radius: float = 0.0
     resolution: float = 0.0
     max_cells: int = 40_000
     keep_resolution: bool = False
+    goal_tolerance: float = 0.0
+    center: Point | None = None
 
 
 @dataclass(frozen=True)
@@ -264,8 +270,8 @@ def make_planning_grid(
 
     A map is taken as it is where blocks are its cells and the robot has no radius. Any other is
     cropped to what is known, with a rim of unseen blocks around it, as nothing is known of what
-    lies beyond a map. Blocks begin at multiples of their side in the map's frame, wherever the
-    origin of a growing map moves.
+    lies beyond a map. Blocks lie at the same places in the map's frame, wherever the origin of a
+    growing map moves.
 
     Args:
         occupancy: Percent of occupancy, −1 where unknown, (rows, cols).
@@ -298,7 +304,7 @@ def make_planning_grid(
         if goal is not None:
             state = 'ok' if partial_map[GOAL].any() else 'outside'
         return PlanningGrid(partial_map, geometry, cell, goal=state)
-    coarsening = _Coarsening(occupancy, geometry, cell, goal, settings.robot_radius)
+    coarsening = _Coarsening(occupancy, geometry, cell, goal, settings)
     while coarsening.cells(factor) > settings.max_cells:
         factor += 1
     grid = coarsening.grid(factor, visited, blocked)
@@ -329,7 +335,7 @@ class _Coarsening:
         geometry: Where the map lies.
         robot: Its cell on the map.
         goal: Position of the goal in metres, if it is known.
-        radius: Of the robot, in metres.
+        settings: Radius of the robot and where blocks lie.
     """
 
     def __init__(
@@ -338,26 +344,33 @@ class _Coarsening:
         geometry: GridGeometry,
         robot: Cell,
         goal: Point | None,
-        radius: float,
+        settings: GridSettings,
     ) -> None:
         self._occupancy = occupancy
         self._geometry = geometry
-        self._radius = radius
+        self._radius = settings.robot_radius
+        self._center = settings.center
+        self._goal_tolerance = settings.goal_tolerance
         self._robot = np.array(robot)
         self._goal = None if goal is None else np.array(geometry.cell_at(*goal))
-        # Row and column of the map's first cell, counted from the origin of the frame.
-        self._anchor = np.array(
-            [
-                round(geometry.origin_y / geometry.resolution),
-                round(geometry.origin_x / geometry.resolution),
-            ]
-        )
         known = occupancy > UNKNOWN_VALUE
         corners = [self._robot]
         if known.any():
             spans = [np.flatnonzero(known.any(axis=axis)) for axis in (1, 0)]
             corners += [np.array([span[end] for span in spans]) for end in (0, -1)]
         self._low, self._high = np.min(corners, axis=0), np.max(corners, axis=0)
+
+    def _anchor(self, factor: int) -> NDArray[np.int64]:
+        """Return row and column of the map's first cell, counted from where a block begins."""
+        geometry = self._geometry
+        if self._center is not None:
+            return factor // 2 - np.array(geometry.cell_at(*self._center))
+        return np.array(
+            [
+                round(geometry.origin_y / geometry.resolution),
+                round(geometry.origin_x / geometry.resolution),
+            ]
+        )
 
     def _blocks(self, factor: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the first block and the one past the last, counted from the frame's origin."""
@@ -368,7 +381,8 @@ class _Coarsening:
                 low, high = np.minimum(low, self._goal), np.maximum(high, self._goal)
         # Wide enough to go around what is inflated at the edge.
         rim = 1 + math.ceil(self._radius / (factor * self._geometry.resolution))
-        return (self._anchor + low) // factor - rim, (self._anchor + high) // factor + rim + 1
+        anchor = self._anchor(factor)
+        return (anchor + low) // factor - rim, (anchor + high) // factor + rim + 1
 
     def cells(self, factor: int) -> int:
         """Return how many cells the planning grid has."""
@@ -391,7 +405,7 @@ class _Coarsening:
         geometry = GridGeometry(rows, cols, side, fine.origin_x, fine.origin_y)
         for row, col in _cells_of(geometry, blocked):
             clear[row * factor : (row + 1) * factor, col * factor : (col + 1) * factor] = False
-        to_window = self._anchor - first * factor
+        to_window = self._anchor(factor) - first * factor
         labels, _ = ndimage.label(clear)
         start = self._start(clear, labels, self._robot + to_window, factor)
         is_ground = labels == labels[start]
@@ -428,7 +442,7 @@ class _Coarsening:
     ) -> tuple[NDArray[np.int8], GridGeometry]:
         """Return the map's values between two blocks, −1 off the map, and where they lie."""
         rows, cols = ((end - first) * factor).tolist()
-        top, left = (first * factor - self._anchor).tolist()
+        top, left = (first * factor - self._anchor(factor)).tolist()
         values = np.full((rows, cols), UNKNOWN_VALUE, dtype=np.int8)
         known = self._occupancy[max(top, 0) : top + rows, max(left, 0) : left + cols]
         row, col = max(-top, 0), max(-left, 0)
@@ -456,7 +470,7 @@ class _Coarsening:
         """
         if clear[tuple(robot)]:
             return int(robot[0]), int(robot[1])
-        cells, distances = self._clear_around(clear, robot, factor)
+        cells, distances = self._clear_around(clear, robot, self._reach(factor))
         if not len(cells):
             msg = f'There is no clear place within {self._reach(factor)} cells of the robot.'
             raise OccupiedError(msg)
@@ -480,7 +494,8 @@ class _Coarsening:
             return None, 'outside'
         if clear[tuple(goal)]:
             return (int(goal[0]), int(goal[1])), 'ok'
-        cells, distances = self._clear_around(is_ground, goal, factor)
+        tolerance = math.ceil(self._goal_tolerance / self._geometry.resolution)
+        cells, distances = self._clear_around(is_ground, goal, max(self._reach(factor), tolerance))
         if not len(cells):
             return None, 'occupied'
         row, col = cells[distances.argmin()].tolist()
@@ -490,10 +505,9 @@ class _Coarsening:
         return math.ceil(self._radius / self._geometry.resolution) + factor
 
     def _clear_around(
-        self, clear: NDArray[np.bool_], place: NDArray[np.int64], factor: int
+        self, clear: NDArray[np.bool_], place: NDArray[np.int64], reach: int
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return the clear cells (N, 2) within reach of a place, and how far they are (N,)."""
-        reach = self._reach(factor)
         corner = np.maximum(place - reach, 0)
         top, left, bottom, right = *corner, *(place + reach + 1)
         cells = np.argwhere(clear[top:bottom, left:right]) + corner

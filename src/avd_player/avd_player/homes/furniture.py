@@ -78,7 +78,7 @@ class Style:
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
-        self.materials = Materials(rng)
+        self.materials = Materials(int(rng.integers(2**31)))
         add = self.materials.add
         self._woods = [
             add(
@@ -1352,7 +1352,7 @@ def bin_(style: Style) -> Item:
     low = radius * style.between(0.75, 1.0)
     profile = [(0.0, 0.0), (low, 0.0), (radius, height)]
     profile += (
-        [(radius * 0.9, height), (radius * 0.7, 0.03), (0.0, 0.03)]
+        [(radius * 0.9, height), (radius * 0.7, 0.06), (0.0, 0.06)]
         if style.chance(0.6)
         else [(radius * 0.8, height + 0.05), (0.0, height + 0.06)]
     )

@@ -103,7 +103,7 @@ def _draw(rng: np.random.Generator, area: float, rooms: int) -> Home:
     return Home(
         layout._replace(rooms=tuple(site.rooms), openings=tuple(site.openings)),
         join(site.parts),
-        tuple(site.style.materials.all),
+        site.style.materials.draw(),
         tuple(site.lights),
         things,
         space.positions,

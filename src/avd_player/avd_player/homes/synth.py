@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import os
 import shutil
 import sys
+import threading
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -145,10 +148,13 @@ def write_homes(
     if workers > 1 and numbers:
         # Threads of open3d don't survive a fork.
         context = multiprocessing.get_context('spawn')
-        pool = ProcessPoolExecutor(workers, mp_context=context)
+        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_parent)
     try:
         for number in numbers:
             _write_home(out, seed, number, settings, pool, progress=progress)
+    except BrokenProcessPool:
+        msg = 'A worker ended before its time, perhaps for lack of memory; use fewer --workers.'
+        raise OSError(msg) from None
     finally:
         if pool is not None:
             pool.shutdown(cancel_futures=True)
@@ -200,6 +206,18 @@ def _write_home(
             bar.update(len(part_boxes))
     write_scene(folder, scan, boxes)
     folder.rename(out / name)
+
+
+def _end_with_parent() -> None:
+    """Let a worker end when its parent was killed, which could tell it nothing."""
+
+    def wait() -> None:
+        parent = multiprocessing.parent_process()
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 @lru_cache(maxsize=1)

@@ -79,7 +79,7 @@ def _finish(picture: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 def plain(_rng: np.random.Generator, colour: Colour) -> NDArray[np.uint8]:
     """Return one colour."""
-    return _finish(np.broadcast_to(np.asarray(colour, np.float32), (SIZE, SIZE, 3)))
+    return np.full((SIZE, SIZE, 3), np.asarray(colour) * 255.0 + 0.5).astype(np.uint8)
 
 
 def plaster(rng: np.random.Generator, colour: Colour) -> NDArray[np.uint8]:
@@ -324,17 +324,21 @@ PICTURES = frozenset({rug, painting, writing, spines, outside, package, cola})
 """Textures that are stretched over their surface once."""
 
 
+class _Recipe(NamedTuple):
+    texture: Callable[[np.random.Generator, Colour], NDArray[np.uint8]]
+    colour: Colour
+    extent: float
+    glow: float
+    gloss: float
+
+
 class Materials:
-    """The materials of one home, in the order in which they were added.
+    """The materials of one home, in the order in which they were added."""
 
-    Attributes:
-        all: The materials.
-        rng: Source of their draws.
-    """
-
-    def __init__(self, rng: np.random.Generator) -> None:
-        self.all: list[Material] = []
-        self.rng = rng
+    def __init__(self, seed: int) -> None:
+        """Begin without any; their textures follow from the seed."""
+        self._seed = seed
+        self._recipes: list[_Recipe] = []
         self._plain: dict[tuple[int, ...], int] = {}
 
     def add(
@@ -346,7 +350,7 @@ class Materials:
         glow: float = 0.0,
         gloss: float = 0.0,
     ) -> int:
-        """Draw a material and return its number.
+        """Add a material and return its number.
 
         Args:
             texture: Draws it.
@@ -356,8 +360,8 @@ class Materials:
             gloss: Share of reflected light that is mirrored.
         """
         extent = 1.0 if texture in PICTURES else extent
-        self.all.append(Material(texture(self.rng, colour), extent, glow, gloss))
-        return len(self.all) - 1
+        self._recipes.append(_Recipe(texture, colour, extent, glow, gloss))
+        return len(self._recipes) - 1
 
     def colour(self, colour: Colour, *, glow: float = 0.0, gloss: float = 0.0) -> int:
         """Return the number of a material of one colour; the same one for nearly the same."""
@@ -365,3 +369,15 @@ class Materials:
         if key not in self._plain:
             self._plain[key] = self.add(plain, colour, glow=glow, gloss=gloss)
         return self._plain[key]
+
+    def draw(self) -> tuple[Material, ...]:
+        """Draw all of them, which is left to the end as it takes the longest."""
+        return tuple(
+            Material(
+                recipe.texture(np.random.default_rng([self._seed, number]), recipe.colour),
+                recipe.extent,
+                recipe.glow,
+                recipe.gloss,
+            )
+            for number, recipe in enumerate(self._recipes)
+        )

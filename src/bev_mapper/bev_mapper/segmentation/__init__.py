@@ -94,13 +94,15 @@ def make_segmenter(name: str, weights: Path | None = None) -> Segmenter | CloudS
 
         return LearnedSegmenter.from_folder(weights)
     if name == 'dgcnn':
+        file = _given(name, weights)
         from bev_mapper.segmentation.dgcnn import DgcnnSegmenter  # noqa: PLC0415
 
-        return DgcnnSegmenter.from_file(_given(name, weights))
+        return DgcnnSegmenter.from_file(file)
     if name == 'swin3d':
+        file = _given(name, weights)
         from bev_mapper.segmentation.swin3d import Swin3dSegmenter  # noqa: PLC0415
 
-        return Swin3dSegmenter.from_file(_given(name, weights))
+        return Swin3dSegmenter.from_file(file)
     msg = f'There is no segmenter {name!r}, only {", ".join(SEGMENTERS)}.'
     raise ValueError(msg)
 
@@ -108,5 +110,8 @@ def make_segmenter(name: str, weights: Path | None = None) -> Segmenter | CloudS
 def _given(name: str, weights: Path | None) -> Path:
     if weights is None:
         msg = f'The segmenter {name!r} comes without weights: say where the file with yours is.'
+        raise ValueError(msg)
+    if not weights.is_file():
+        msg = f'The weights {weights} can not be read: there is no such file.'
         raise ValueError(msg)
     return weights

@@ -26,3 +26,7 @@ MARKER_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 
 SENSOR_QOS = qos_profile_sensor_data
 """Camera streams: best effort, five deep."""
+
+BURST_QOS = QoSProfile(depth=64, reliability=ReliabilityPolicy.RELIABLE)
+"""Images and poses of a player that says those of all directions at once: ten deep, some would be
+lost. Subscribers with the profiles of sensor data or streams are served too."""

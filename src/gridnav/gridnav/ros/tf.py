@@ -10,14 +10,15 @@ from rclpy.time import Time
 
 from gridnav.pose import Pose2D, PoseEstimate
 from gridnav.rgbd import Pose3D
-from gridnav.ros.conversions import header, to_nanoseconds, to_quaternion, to_yaw
+from gridnav.ros.conversions import header, to_nanoseconds, to_pose, to_yaw
 
 if TYPE_CHECKING:
+    from geometry_msgs.msg import Pose
     from rclpy.node import Node
 
 
 class FrameBroadcaster:
-    """Broadcasts transforms on the ground; without ``tf2_ros`` it says so and does nothing."""
+    """Broadcasts transforms; without ``tf2_ros`` it says so and does nothing."""
 
     def __init__(self, node: Node) -> None:
         """Prepare to broadcast for a node."""
@@ -31,12 +32,17 @@ class FrameBroadcaster:
 
     def send(self, stamp: int, parent: str, child: str, x: float, y: float, yaw: float) -> None:
         """Broadcast where ``child`` is in ``parent``: nanoseconds, metres, radians."""
+        self.send_3d(stamp, parent, child, to_pose(x, y, yaw))
+
+    def send_3d(self, stamp: int, parent: str, child: str, pose: Pose) -> None:
+        """Broadcast where ``child`` is in ``parent``, in space."""
         if self._broadcaster is None:
             return
         message = TransformStamped(header=header(stamp, parent), child_frame_id=child)
-        message.transform.translation.x = float(x)
-        message.transform.translation.y = float(y)
-        message.transform.rotation = to_quaternion(yaw)
+        message.transform.translation.x = pose.position.x
+        message.transform.translation.y = pose.position.y
+        message.transform.translation.z = pose.position.z
+        message.transform.rotation = pose.orientation
         self._broadcaster.sendTransform(message)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from avd_player.node import AvdPlayerParameters
 from bev_mapper.node import MapperParameters
 from gridnav.ros import qos
 from gridnav.ros.parameters import parameter_rows
@@ -22,6 +23,7 @@ RESULTS = ROOT / 'docs' / 'results'
 
 NODES = {
     'maze_sim_node': MazeSimParameters,
+    'avd_player_node': AvdPlayerParameters,
     'bev_mapper_node': MapperParameters,
     'planner_node': PlannerParameters,
     'waypoint_follower_node': FollowerParameters,

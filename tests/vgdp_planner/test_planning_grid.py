@@ -338,3 +338,33 @@ def test_a_large_map_is_prepared_in_well_under_a_second() -> None:
     )
     assert time.process_time() - began < 2.0
     assert grid.factor == 8
+
+
+def test_a_goal_on_something_is_stopped_beside() -> None:
+    """The nearest place to stand is taken, as far from the goal as is tolerated."""
+    occupancy = np.zeros((20, 30), dtype=np.int8)
+    occupancy[5:15, 15:25] = 100
+    geometry, goal = GridGeometry(20, 30, 0.1), (2.05, 1.05)
+    chosen = GridSettings(0.1, 0.3)
+    grid = make_planning_grid(occupancy, geometry, (0.5, 1.0), goal, chosen)
+    assert grid.goal == 'occupied'
+    assert not grid.partial_map[GOAL].any()
+    chosen = GridSettings(0.1, 0.3, goal_tolerance=1.0)
+    grid = make_planning_grid(occupancy, geometry, (0.5, 1.0), goal, chosen)
+    assert grid.goal == 'ok'
+    (cell,) = np.argwhere(grid.partial_map[GOAL])
+    x, y = grid.geometry.center_of(*cell.tolist())
+    assert np.hypot(x - goal[0], y - goal[1]) < 1.0
+    assert not grid.partial_map[OBSTACLE][tuple(cell)]
+
+
+@pytest.mark.parametrize('center', [(0.0, 0.0), (0.1, -0.2), (7.3, 4.1)])
+def test_blocks_lie_around_a_place(center: tuple[float, float]) -> None:
+    """The place is in the middle of a block, wherever the map begins."""
+    chosen = GridSettings(0.1, 0.3, center=center)
+    for corner in (-2.25, -3.75):
+        geometry = GridGeometry(60, 60, 0.1, corner, corner)
+        occupancy = np.zeros((60, 60), dtype=np.int8)
+        grid = make_planning_grid(occupancy, geometry, (0.4, 0.4), settings=chosen)
+        offset = (np.array(center) - grid.geometry.center_of(0, 0)) / 0.3
+        assert np.abs(offset - np.rint(offset)).max() < 0.2

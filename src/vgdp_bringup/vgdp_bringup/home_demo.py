@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -92,6 +93,11 @@ def run_stack(options: HomeDemoOptions, bag: Path, console: Console) -> None:
         ValueError: If the scene can't be used.
     """
     scene = options.scene or _make_home(options, console)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter('always')
+        mapper = mapper_parameters(scene, options.segmenter)
+    for warning in caught:
+        console.print(str(warning.message), soft_wrap=True)
     domain_id = free_domain_id()
     os.environ.setdefault('FASTRTPS_DEFAULT_PROFILES_FILE', str(QUICK_IMAGES))
     console.print(f'Starting the nodes, ROS_DOMAIN_ID={domain_id}.')
@@ -101,7 +107,7 @@ def run_stack(options: HomeDemoOptions, bag: Path, console: Console) -> None:
         nodes.start(
             'bev_mapper',
             python('bev_mapper.node'),
-            mapper_parameters(scene, options.segmenter),
+            mapper,
         )
         nodes.start(
             'vgdp_planner',

@@ -338,18 +338,25 @@ def _draw_candidates(axes: Axes, step: Step, geometry: GridGeometry) -> None:
 
 
 def _draw_values(axes: Axes, step: Step, grid: Grid, geometry: GridGeometry) -> None:
-    """Draw the values of the cells that were seen to be free."""
-    if step.value_map is None or step.value_map.geometry != grid.geometry:
+    """Draw the values of the cells in whose middle the map was seen to be free."""
+    if step.value_map is None:
         return
-    values = step.value_map.cells
-    shown = np.ma.masked_where((grid.cells != FREE_VALUE) | (values < 0), values)
+    values, cells = step.value_map.cells, step.value_map.geometry
+    rows, cols = np.indices(cells.shape)
+    finer, coarser = grid.geometry, cells.resolution
+    row = (cells.origin_y - finer.origin_y + (rows + 0.5) * coarser) // finer.resolution
+    col = (cells.origin_x - finer.origin_x + (cols + 0.5) * coarser) // finer.resolution
+    inside = (row >= 0) & (row < finer.rows) & (col >= 0) & (col < finer.cols)
+    free = np.zeros(cells.shape, dtype=np.bool_)
+    free[inside] = grid.cells[row[inside].astype(int), col[inside].astype(int)] == FREE_VALUE
+    shown = np.ma.masked_where(~free | (values < 0), values)
     if not shown.count():
         return
     image = axes.imshow(
         shown,
         cmap=VALUE_COLORS,
         origin='lower',
-        extent=_extent(grid.geometry),
+        extent=_extent(cells),
         interpolation='nearest',
     )
     image.set_clim(*_color_limits(float(shown.min()), float(shown.max())))

@@ -61,7 +61,7 @@ MAX_QUEUED = 1000
 """More actions than this never wait for their turn."""
 
 DISCOVERY_S = 5.0
-"""So long a search waits at first for somebody who takes in images and poses."""
+"""So long the node waits at first for somebody who takes in images and poses."""
 
 DISCOVERY_PERIOD_S = 0.05
 
@@ -233,6 +233,8 @@ class AvdPlayerNode(BaseNode[AvdPlayerParameters]):
         )
         for key, value in self._mount._asdict().items():
             self.diagnostics.value(f'camera mount {key}', f'{value:.4f}')
+        self._heard_by = time.monotonic() + DISCOVERY_S
+        self._discovery = self.create_timer(DISCOVERY_PERIOD_S, self._on_discovery)
         if p.mode == REPLAY:
             self._start_replay()
         elif self._scene is None:
@@ -268,6 +270,7 @@ class AvdPlayerNode(BaseNode[AvdPlayerParameters]):
         self.add_on_set_parameters_callback(self._check_seek)
         self.add_post_set_parameters_callback(self._on_parameters)
         self._pace = self.create_timer(1.0 / NANOSECONDS, self._on_frame_due)
+        self._pace.cancel()
         self.diagnostics.report(DiagnosticStatus.OK, 'playing')
 
     def _offer(self, name: str, act: Callable[[], str]) -> None:
@@ -396,8 +399,6 @@ class AvdPlayerNode(BaseNode[AvdPlayerParameters]):
         self._repeat = self.create_timer(
             self.parameters.observation_period, self._publish_observation
         )
-        self._heard_by = time.monotonic() + DISCOVERY_S
-        self._discovery = self.create_timer(DISCOVERY_PERIOD_S, self._on_discovery)
         self._begin_episode()
         self.subscribe(
             DiagnosticStatus, 'episode', self._on_episode, EPISODE_QOS, single_source=False
@@ -431,12 +432,15 @@ class AvdPlayerNode(BaseNode[AvdPlayerParameters]):
         )
 
     def _on_discovery(self) -> None:
-        """Show the first views once somebody sees them: half of them make another map."""
+        """Show the first views once somebody sees them: some of them make another map."""
         publishers = (self._color, self._depth, self._info, self._odom)
         heard = all(publisher.get_subscription_count() for publisher in publishers)
         if heard or time.monotonic() > self._heard_by:
             self._discovery.cancel()
-            self._publish_step()
+            if self.parameters.mode != REPLAY:
+                self._publish_step()
+            elif not self._replay.paused:
+                self._schedule(0)
 
     def _reset(self) -> str:
         self._begin_episode()

@@ -136,3 +136,17 @@ def test_what_can_not_be_replayed_is_refused(
         recorder.add_topic('/odom', 'nav_msgs/msg/Odometry', [])
     assert main(['bag', 'replay', str(tmp_path / 'empty'), '--against', 'map']) == 2
     assert 'holds neither an episode nor odom' in capsys.readouterr().err
+
+
+def test_plans_on_a_coarser_grid_are_refused(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One sentence says why they can't be made again."""
+
+    def finer(_: int, message: Any) -> Any:  # noqa: ANN401
+        message.poses = [pose for pose in message.poses for _ in range(20)]
+        return message
+
+    copy = changed(bag, tmp_path / 'bag', '/robot/plan', finer)
+    assert main(['bag', 'replay', str(copy), '--against', 'plan']) == 2
+    assert 'coarser than the map' in capsys.readouterr().err

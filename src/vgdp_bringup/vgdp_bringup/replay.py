@@ -387,7 +387,17 @@ def _compare_plans(
     plan: Plan,
     geometry: GridGeometry,
 ) -> list[str]:
-    """Compare a recorded path, and the values of its candidates where there are some."""
+    """Compare a recorded path, and the values of its candidates where there are some.
+
+    Raises:
+        BagError: If the path was not planned on the cells of the map.
+    """
+    if len(points) > len(plan.actions) + 1:
+        msg = (
+            'The recorded plans were made on a grid coarser than the map (robot_radius or '
+            'planning_resolution); only those on the cells of the map can be made again.'
+        )
+        raise BagError(msg)
     differences = []
     if (plan.status == 'ok') != bool(len(points)):
         differences.append(f'a path of {len(points)} poses is recorded, now it is {plan.status}')

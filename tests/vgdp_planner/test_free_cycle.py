@@ -170,6 +170,19 @@ def test_an_episode_begins_and_ends(cycle: FreeCycle) -> None:
     assert cycle.observation() is None
 
 
+def test_what_came_before_the_word_of_its_episode_counts(cycle: FreeCycle) -> None:
+    """A map, a pose and a goal of the episode stay; they may never be said again."""
+    cycle.set_goal(5, 1.3, 1.1)
+    observation = go(cycle)
+    assert observation.grid.goal == 'ok'
+    assert cycle.begin(3)
+    again = go(cycle)
+    assert again.stamp == observation.stamp
+    assert again.grid.goal == 'ok'
+    assert cycle.begin(4)
+    assert cycle.waiting_for == 'a map'
+
+
 def test_small_blocks_are_kept_once_they_were_needed() -> None:
     """Lest the grid changes with every map."""
     occupancy = np.full(GEOMETRY.shape, 100, dtype=np.int8)

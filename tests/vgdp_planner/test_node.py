@@ -25,6 +25,7 @@ from gridnav.ros.conversions import (
     to_pose,
     to_pose_stamped,
 )
+from gridnav.ros.episode import EpisodeStatus
 from gridnav.ros.qos import EPISODE_QOS, MAP_QOS, MARKER_QOS, RELIABLE_QOS
 from maze_sim import MazeSimulation, make_mazes
 from vgdp_planner import ValueGuidedPlanner
@@ -270,6 +271,24 @@ def test_a_real_robot(node_process: StartNode, probe: Probe) -> None:
         assert bool(answer.poses) == (not code)
         assert code in node.output
     node.assert_alive()
+
+
+def test_a_map_before_the_word_of_its_episode(node_process: StartNode, probe: Probe) -> None:
+    """Is planned on once more: a world that waits for the robot does not say it again."""
+    node_process(PLANNER, {**REAL, 'pose_source': 'odom'}).wait_output(READY)
+    maps = probe.publisher(OccupancyGrid, 'map', MAP_QOS)
+    poses = probe.publisher(Odometry, 'odom', RELIABLE_QOS)
+    episode = probe.publisher(DiagnosticStatus, 'episode', EPISODE_QOS)
+    waypoints = probe.record(PoseStamped, 'waypoint', RELIABLE_QOS)
+    wait_for(lambda: probe.node.count_publishers('waypoint') > 0)
+    occupancy = np.full((40, 40), -1, dtype=np.int8)
+    occupancy[:30] = 0
+    geometry = GridGeometry(40, 40, 0.1)
+    maps.publish(to_occupancy_grid(occupancy, geometry, stamp=5, frame_id='map'))
+    poses.publish(to_odometry(2.0, 2.0, stamp=6, frame_id='odom', child_frame_id='base_link'))
+    wait_for(lambda: len(waypoints) == 1)
+    episode.publish(EpisodeStatus('maze_sim', 'running', 4).to_message())
+    wait_for(lambda: len(waypoints) == 2)
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

@@ -198,7 +198,6 @@ def keeps_off(plan: Path, message: OccupancyGrid) -> bool:
 
 
 @pytest.mark.timeout(240)
-@pytest.mark.slow
 def test_a_robot_explores_a_small_maze(node_process: StartNode, probe: Probe) -> None:
     """And reaches the goal without touching a wall."""
     explore(node_process, probe, 9, 1, 150)

@@ -79,21 +79,33 @@ class FreeCycle:
 
     def __init__(self, settings: GridSettings) -> None:
         self._asked = settings
+        self._map: tuple[int, NDArray[np.int8], GridGeometry] | None = None
+        self._pose: PoseEstimate | None = None
+        self._goal: tuple[int, Point] | None = None
         self.begin(NEVER)
 
     def begin(self, start: int) -> bool:
-        """Start over, with an episode that begins at a stamp; what is older is forgotten."""
+        """Start over, with an episode that begins at a stamp; what is older is forgotten.
+
+        What is not older stays: where the world only moves on once it is told to, a map that came
+        before the word of its episode is not said again.
+        """
         self.start = start
         self.finished = False
         self._settings = self._asked
-        self._map: tuple[int, NDArray[np.int8], GridGeometry] | None = None
-        self._map_is_new = False
-        self._pose: PoseEstimate | None = None
+        if self._map is not None and self._map[0] < start:
+            self._map = None
+        if self._pose is not None and self._pose.stamp < start:
+            self._pose = None
+        if self._goal is not None and self._goal[0] < start:
+            self._goal = None
+        self._map_is_new = self._map is not None
+        self._goal_is_new = self._goal is not None
         self._moved_from: PoseEstimate | None = None
-        self._goal: Point | None = None
-        self._goal_is_new = False
         self._plan: _Plan | None = None
         self._visited: dict[tuple[int, int], Point] = {}
+        if self._pose is not None:
+            self.add_pose(self._pose)
         return True
 
     def add_pose(self, pose: PoseEstimate) -> bool:
@@ -125,9 +137,9 @@ class FreeCycle:
 
     def set_goal(self, stamp: int, x: float, y: float) -> None:
         """Take in where the goal is, in metres in the map's frame."""
-        if stamp >= self.start and self._goal != (x, y):
-            self._goal = (x, y)
-            self._goal_is_new = True
+        if stamp >= self.start:
+            self._goal_is_new |= self._goal is None or self._goal[1] != (x, y)
+            self._goal = (stamp, (x, y))
 
     def observation(self, *, overdue: bool = False) -> Observation | None:
         """Return what to plan on, or None while the plan stands.
@@ -147,7 +159,7 @@ class FreeCycle:
         due |= overdue and self._plan is not None and self._plan.is_going
         if not due and not self._map_is_new:
             return None
-        grid = self.grid_at(place, self._goal)
+        grid = self.grid_at(place, None if self._goal is None else self._goal[1])
         self._map_is_new = False
         if not due and self._plan is not None and self._plan.is_clear(grid, place):
             return None

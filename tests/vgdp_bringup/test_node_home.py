@@ -17,13 +17,8 @@ from gridnav import DONE
 from gridnav.metrics import Outcome
 from gridnav.ros.qos import EPISODE_QOS, RELIABLE_QOS
 from vgdp_bringup.home_demo import mapper_parameters, planner_parameters
-from vgdp_experiments.object_search import (
-    FrontierSearcher,
-    PlannerSearcher,
-    Searcher,
-    SearchStep,
-    search,
-)
+from vgdp_experiments.search.loop import SearchStep, search
+from vgdp_experiments.search.searchers import FrontierSearcher, PlannerSearcher, Searcher
 from vgdp_planner import ValueGuidedPlanner
 
 if TYPE_CHECKING:

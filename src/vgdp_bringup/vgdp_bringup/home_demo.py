@@ -20,7 +20,7 @@ from vgdp_bringup.demo import (
 )
 from vgdp_bringup.processes import NodeProcesses, free_domain_id
 from vgdp_bringup.watcher import RunWatcher
-from vgdp_experiments.object_search import (
+from vgdp_experiments.search.loop import (
     BLOCKED_AFTER,
     GOAL_TOLERANCE_M,
     ROBOT_RADIUS_M,

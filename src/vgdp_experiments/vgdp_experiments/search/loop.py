@@ -8,7 +8,8 @@ the scene than the views of the positions where the robot was.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from bev_mapper.rgbd_mapper import MapperConfig, RgbdMapper
 from gridnav import DONE, GridGeometry
 from gridnav.metrics import Outcome
 from gridnav.rgbd import Pose3D
-from vgdp_experiments.methods.frontier import NearestFrontier
+from vgdp_experiments.search.searchers import Sight
 from vgdp_planner.cycle import Decision, PlanningCycle
 from vgdp_planner.planning_grid import GridSettings
 
@@ -27,9 +28,9 @@ if TYPE_CHECKING:
     from avd_player.simulation import ActiveVisionSimulation
     from bev_mapper.segmentation import Segmenter
     from gridnav.metrics import EpisodeResult
+    from gridnav.rgbd import RgbdFrame
+    from vgdp_experiments.search.searchers import Searcher
     from vgdp_planner.cycle import Observation
-    from vgdp_planner.planner import ValueGuidedPlanner
-    from vgdp_planner.planning_grid import PlanningGrid
 
 STEP_M = 0.3
 """Side of the grid of positions."""
@@ -56,57 +57,6 @@ BLOCKED_AFTER = 1
 """Moves of a scene's robot do not slip: where one leads nowhere there is something."""
 
 NANOSECONDS_A_STEP = 1_000_000_000
-
-
-class Searcher(Protocol):
-    """Decides where to go on planning grids."""
-
-    def reset(self, seed: int) -> None:
-        """Begin an episode."""
-
-    def decide(self, grid: PlanningGrid) -> list[int]:
-        """Return the steps to take before deciding again, none to give up."""
-
-
-class PlannerSearcher:
-    """Lets the planner decide.
-
-    Args:
-        planner: The planner.
-    """
-
-    def __init__(self, planner: ValueGuidedPlanner) -> None:
-        self._planner = planner
-
-    def reset(self, seed: int) -> None:
-        """Begin an episode."""
-        self._planner.reset(seed)
-
-    def decide(self, grid: PlanningGrid) -> list[int]:
-        """Return what the planner commits."""
-        return self._planner.plan(grid.partial_map, grid.start).committed
-
-
-class FrontierSearcher:
-    """Goes to the nearest frontier of the same grids until the target is seen."""
-
-    def __init__(self) -> None:
-        self._explorer = NearestFrontier()
-        self._geometry: GridGeometry | None = None
-
-    def reset(self, seed: int) -> None:
-        """Begin an episode."""
-        self._geometry = None
-        self._explorer.reset(range(1), seed)
-
-    def decide(self, grid: PlanningGrid) -> list[int]:
-        """Return one step to the nearest frontier, or to the goal."""
-        if grid.geometry != self._geometry:
-            # It knows its target by a cell, which is another place now.
-            self._geometry = grid.geometry
-            self._explorer.reset(range(1), 0)
-        cells, active = np.array([grid.start]), np.ones(1, dtype=np.bool_)
-        return self._explorer.act(grid.partial_map[None], cells, active)[0]
 
 
 def mapper_config() -> MapperConfig:
@@ -162,7 +112,7 @@ def search(
     stamp = 0
     _take_in(simulation, mapper, cycle, stamp)
     while simulation.outcome is Outcome.RUNNING:
-        observation, committed = _decide(cycle, searcher)
+        observation, committed = _decide(cycle, searcher, partial(_views, simulation, stamp))
         if not committed:
             simulation.give_up()
             break
@@ -183,29 +133,43 @@ def search(
     return simulation.result()
 
 
-def _decide(cycle: PlanningCycle, searcher: Searcher) -> tuple[Observation, list[int]]:
+def _decide(
+    cycle: PlanningCycle, searcher: Searcher, views: Callable[[], list[RgbdFrame]]
+) -> tuple[Observation, list[int]]:
     """Return what to plan on and what is decided, as the planner's node does."""
     observation = cycle.observation()
     if observation is None:
         msg = f'The cycle waits for {cycle.waiting_for}, which never comes.'
         raise RuntimeError(msg)
-    committed = searcher.decide(observation.grid)
+    committed = searcher.decide(Sight(observation.grid, views))
     again = None if committed else cycle.reopened(observation)
     if again is not None:
-        observation, committed = again, searcher.decide(again.grid)
+        observation, committed = again, searcher.decide(Sight(again.grid, views))
     return observation, committed
+
+
+def _views(simulation: ActiveVisionSimulation, stamp: int) -> list[RgbdFrame]:
+    """Return what the robot sees now."""
+    scene = simulation.scene
+    return [
+        replace(
+            scene.frame(name),
+            stamp=stamp,
+            pose=mounted_pose(scene.source, name),
+            mount=scene.source.mount,
+        )
+        for name in simulation.looked_at
+    ]
 
 
 def _take_in(
     simulation: ActiveVisionSimulation, mapper: RgbdMapper, cycle: PlanningCycle, stamp: int
 ) -> None:
     """Map what the robot sees now, and tell the cycle of it."""
-    scene = simulation.scene
     pose = Pose3D()
-    for name in simulation.looked_at:
-        pose = mounted_pose(scene.source, name)
-        frame = scene.frame(name)
-        mapper.add(replace(frame, stamp=stamp, pose=pose, mount=scene.source.mount))
+    for frame in _views(simulation, stamp):
+        mapper.add(frame)
+        pose = frame.pose
     cycle.add_pose(stamp, pose.x, pose.y)
     cycle.add_map(stamp, mapper.grid.occupancy, mapper.grid.geometry)
     goal = simulation.goal

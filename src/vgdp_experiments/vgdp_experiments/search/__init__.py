@@ -1,0 +1,1 @@
+"""Searching homes for a thing: the loop, and who decides in it."""

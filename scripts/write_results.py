@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from vgdp_experiments import evaluate_mapping
 from vgdp_experiments.merge import write_page
 
 RESULTS = Path(__file__).parents[1] / 'docs' / 'results'
+MAPPING = RESULTS / 'mapping.json'
 
 
 def with_pages() -> list[Path]:
@@ -22,3 +24,4 @@ def with_pages() -> list[Path]:
 if __name__ == '__main__':
     for file in with_pages():
         write_page(file)
+    evaluate_mapping.write_page(MAPPING)

@@ -252,9 +252,50 @@ def run(arguments: argparse.Namespace) -> int:
     out = Path(settings.out)
     out.parent.mkdir(parents=True, exist_ok=True)
     write_whole(out, json.dumps(report, indent=1) + '\n')
-    draw(scores).savefig(out.with_suffix('.png'))
+    write_page(out)
     print(table(scores))  # noqa: T201
     return 0
+
+
+PAGE = """# Maps of homes that were not seen before
+
+`vgdp eval mapping{options}`
+
+Synthetic homes, {stops} stops in each with {headings} images around it, cells of {cell:g} m.
+Intersection over union, in percent, of what the map says and what the true plan says, over the
+cells that the images show; the mean of {homes} homes with a 95 % interval from drawing homes anew.
+The learned network has not seen these homes. The noise is Gaussian, on the depth.
+
+{table}
+
+![Curves of the same]({picture})
+"""
+
+
+def page(report: dict[str, Any], picture: str) -> str:
+    """Return the page of results as Markdown."""
+    settings = MappingEvaluation(**report['settings'])
+    defaults = MappingEvaluation(out=settings.out, workers=settings.workers)
+    options = [
+        f' --{name} {value}'
+        for name, value in asdict(settings).items()
+        if value != getattr(defaults, name)
+    ]
+    return PAGE.format(
+        **report['settings'],
+        options=''.join(options),
+        cell=RESOLUTION_M,
+        table=table(report['iou']),
+        picture=picture,
+    )
+
+
+def write_page(path: Path) -> None:
+    """Write the page and the curves of the results in a file beside it."""
+    report = json.loads(path.read_text(encoding='utf-8'))
+    picture = path.with_suffix('.png')
+    draw(report['iou']).savefig(picture)
+    write_whole(path.with_suffix('.md'), page(report, picture.name))
 
 
 def table(scores: dict[str, dict[str, dict[str, list[float]]]]) -> str:
@@ -265,7 +306,11 @@ def table(scores: dict[str, dict[str, dict[str, list[float]]]]) -> str:
     for name in SEGMENTERS:
         for kind in KINDS:
             cells = [scores[name][sigma][kind] for sigma in sigmas]
-            rows.append([name, kind, *(f'{100 * cell[0]:.1f}' for cell in cells)])
+            shown = [' … '.join(f'{100 * bound:.1f}' for bound in cell[1:]) for cell in cells]
+            means = [f'{100 * cell[0]:.1f}' for cell in cells]
+            rows.append(
+                [name, kind, *(' ('.join(pair) + ')' for pair in zip(means, shown, strict=True))]
+            )
     return '\n'.join(f'| {" | ".join(row)} |' for row in rows)
 
 

@@ -18,9 +18,10 @@ from std_srvs.srv import Trigger
 from tests.ros_helpers import wait_for
 
 from bev_mapper.rgbd_mapper import MapperConfig, RgbdMapper
+from bev_mapper.rgbd_node import StepViews
 from bev_mapper.room import MOUNT, render, walk
 from gridnav.grid import GridGeometry
-from gridnav.rgbd import Camera
+from gridnav.rgbd import VIEW_SUFFIX, Camera
 from gridnav.ros.conversions import from_occupancy_grid, header, to_nanoseconds
 from gridnav.ros.episode import EpisodeStatus
 from gridnav.ros.qos import EPISODE_QOS, MAP_QOS, RELIABLE_QOS, SENSOR_QOS
@@ -184,6 +185,39 @@ def test_a_robot_that_looks_around_gets_one_map_for_all_views(
     robot.wait_map(STAMP + 110)
     stamps = [to_nanoseconds(m.header.stamp) - STAMP for m in robot.maps]
     assert stamps == [11, 110]
+
+
+def test_a_step_whose_views_are_named_is_complete_without_those_that_are_missing(
+    node_process: StartNode, probe: Probe
+) -> None:
+    """The robot's own pose, which comes last, says so."""
+    node_process(MAPPER, {**PARAMETERS, 'views_per_step': 12, 'wait': 60.0})
+    robot = Robot(probe)
+    as_view = {'child_frame_id': f'base_link{VIEW_SUFFIX}'}
+    frames = views(5, CAMERA.resized(80, 60))
+    for frame in frames[:4]:
+        robot.send(frame, frame.stamp, odom=as_view)
+    robot.send(frames[4], frames[4].stamp)
+    robot.wait_map(STAMP + 4)
+    assert len(robot.maps) == 1
+
+
+def test_views_of_a_step_are_counted_by_their_poses() -> None:
+    """A step is over with the robot's own pose, whose stamp its map has in any case."""
+    step = StepViews()
+    assert step.add_pose(1, is_view=False)
+    assert step.wanted(12) == 12
+    assert not step.is_over
+    assert [step.add_pose(stamp, is_view=True) for stamp in (5, 6, 6)] == [True, True, False]
+    assert step.wanted(12) == 12
+    assert step.add_pose(7, is_view=False)
+    assert step.is_over
+    assert (step.wanted(12), step.wanted(2)) == (3, 2)
+    assert step.end_step(6) == 7
+    assert not step.is_over
+    assert not step.add_pose(7, is_view=False)
+    assert step.add_pose(8, is_view=False)
+    assert (step.wanted(12), step.end_step(-1)) == (1, 8)
 
 
 def test_cameras_with_the_qos_of_sensors_are_heard(node_process: StartNode, probe: Probe) -> None:

@@ -22,7 +22,7 @@ from bev_mapper.rgbd_mapper import STAGES, MapperConfig, RgbdMapper
 from bev_mapper.segmentation import make_segmenter
 from gridnav.grid import GridGeometry
 from gridnav.partial_map import UNKNOWN_VALUE
-from gridnav.rgbd import CameraMount
+from gridnav.rgbd import VIEW_SUFFIX, CameraMount
 from gridnav.ros.conversions import NANOSECONDS, header, to_nanoseconds, to_occupancy_grid
 from gridnav.ros.episode import EpisodeStatus
 from gridnav.ros.qos import EPISODE_QOS, MAP_QOS, RELIABLE_QOS, SENSOR_QOS
@@ -54,6 +54,48 @@ CHECK_PERIOD_S = 0.25
 POINT = np.dtype([('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('rgb', '<u4'), ('label', '<u4')])
 
 
+class StepViews:
+    """Knows of which step the views are that come.
+
+    A world of cells says a pose for each view of a step, those but the last with a frame of their
+    own (`VIEW_SUFFIX`), and so how many views there are and what the step's stamp is.
+    """
+
+    def __init__(self) -> None:
+        self._poses: set[int] = set()
+        self._are_named = False
+        self._step = self._ended = -1
+
+    def add_pose(self, stamp: int, *, is_view: bool) -> bool:
+        """Take in the stamp of a pose; tells whether it is new."""
+        self._are_named |= is_view
+        if stamp <= self._ended or stamp in self._poses:
+            return False
+        if self._are_named:
+            self._poses.add(stamp)
+            self._step = self._step if is_view else max(self._step, stamp)
+        return True
+
+    def wanted(self, at_most: int) -> int:
+        """Return how many frames make the step complete."""
+        if not self.is_over:
+            return at_most
+        return min(at_most, sum(stamp <= self._step for stamp in self._poses))
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the robot's own pose has come, which is the last, and no map of the step."""
+        return self._are_named and self._step > self._ended
+
+    def end_step(self, stamp: int) -> int:
+        """Return the stamp of what is published of the step, given that of its newest frame."""
+        if self.is_over:
+            stamp = max(stamp, self._step)
+        self._ended = max(self._ended, stamp)
+        self._poses = {pose for pose in self._poses if pose > self._ended}
+        return stamp
+
+
 class RgbdInput:
     """Fuses images, cameras and poses, and publishes what comes of it."""
 
@@ -76,8 +118,9 @@ class RgbdInput:
             )
         )
         self._fusion = RgbdFusion(mapper, sync_config(p), mount)
+        self._views = StepViews()
         self._unpublished = 0
-        self._fused_at = 0
+        self._news_at = 0
         self._map = node.advertise(OccupancyGrid, 'map', MAP_QOS)
         self._probability = node.advertise(OccupancyGrid, '~/probability', MAP_QOS)
         self._points = node.advertise(PointCloud2, 'points', SENSOR_QOS)
@@ -128,6 +171,7 @@ class RgbdInput:
     def reset(self) -> str:
         """Forget all frames."""
         self._fusion.clear()
+        self._views = StepViews()
         self._unpublished = 0
         return 'The map is empty.'
 
@@ -140,8 +184,11 @@ class RgbdInput:
         return f'Wrote map.pgm, map.yaml and cloud.ply into {folder}.'
 
     def _on_odom(self, message: Odometry) -> None:
-        pose = from_pose_3d(message.pose.pose)
-        self._take_in(partial(self._fusion.add_pose, _stamp(message), pose))
+        pose, stamp = from_pose_3d(message.pose.pose), _stamp(message)
+        if self._views.add_pose(stamp, is_view=message.child_frame_id.endswith(VIEW_SUFFIX)):
+            self._news_at = time.monotonic_ns()
+        self._take_in(partial(self._fusion.add_pose, stamp, pose))
+        self._publish_if_complete()
 
     def _on_camera(self, message: CameraInfo) -> None:
         camera = from_camera_info(message)
@@ -165,6 +212,7 @@ class RgbdInput:
         status = EpisodeStatus.from_message(message)
         if status.begins:
             self._unpublished = 0
+            self._views = StepViews()
             self._take_in(partial(self._fusion.begin_episode, status.start))
 
     def _take_in(self, add: Callable[[], int]) -> None:
@@ -175,10 +223,9 @@ class RgbdInput:
         self._report()
         if not fused:
             return
-        self._fused_at = time.monotonic_ns()
+        self._news_at = time.monotonic_ns()
         self._unpublished += fused
-        if self._unpublished >= self._parameters.views_per_step:
-            self._publish()
+        self._publish_if_complete()
         diagnostics.latency(time.perf_counter() - began, 'frame')
         for stage in STAGES:
             diagnostics.latency(mapper.timings[stage], stage)
@@ -194,9 +241,15 @@ class RgbdInput:
         while self._fusion.refused:
             self._node.warn('refused frame', f'Left out a frame: {self._fusion.refused.pop(0)}')
 
+    def _publish_if_complete(self) -> None:
+        wanted = self._views.wanted(self._parameters.views_per_step)
+        if self._unpublished >= wanted > 0:
+            self._publish()
+
     def _publish(self) -> None:
         self._unpublished = 0
         mapper = self._fusion.mapper
+        stamp = self._views.end_step(mapper.stamp)
         for publisher, cells in (
             (self._map, mapper.grid.occupancy),
             (self._probability, mapper.grid.probability),
@@ -205,7 +258,7 @@ class RgbdInput:
                 to_occupancy_grid(
                     cells,
                     mapper.grid.geometry,
-                    stamp=mapper.stamp,
+                    stamp=stamp,
                     frame_id=self._parameters.map_frame,
                 )
             )
@@ -219,7 +272,8 @@ class RgbdInput:
         now = time.monotonic_ns()
         self._fusion.expire(now)
         self._report()
-        if self._unpublished and now - self._fused_at > self._fusion.sync.config.wait:
+        is_late = now - self._news_at > self._fusion.sync.config.wait
+        if is_late and (self._unpublished or self._views.is_over):
             self._publish()
 
     def _show(self) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
 from functools import cache, partial
 from typing import TYPE_CHECKING
 
@@ -344,6 +346,11 @@ def test_scenes_are_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     part.mkdir()
     (part / 'left').write_text('from before')
     write = partial(write_homes, settings=SETTINGS, first=NUMBER, progress=False)
+    descriptor = os.open(part, os.O_RDONLY)
+    fcntl.flock(descriptor, fcntl.LOCK_EX)
+    with pytest.raises(OSError, match='Another process is writing'):
+        write(tmp_path, 1, SEED)
+    os.close(descriptor)
     assert write(tmp_path, 1, SEED) == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         'Home_119_1',

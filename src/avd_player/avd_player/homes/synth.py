@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import multiprocessing
 import os
@@ -10,6 +11,7 @@ import sys
 import threading
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -188,24 +190,48 @@ def _write_home(
 ) -> None:
     name = scene_name(number)
     folder = out / f'.{name}.part'
-    shutil.rmtree(folder, ignore_errors=True)
-    for part in FOLDERS:
-        (folder / part).mkdir(parents=True)
-    scan = _scan(seed, number, settings)
-    count = len(scan.home.positions)
-    jobs = [
-        (folder, seed, number, settings, start, min(start + CHUNK, count))
-        for start in range(0, count, CHUNK)
-    ]
-    done: Iterator[list[list[Box]]] = pool.map(_shoot, jobs) if pool else map(_shoot, jobs)
-    boxes: list[list[Box]] = []
-    total = count * HEADINGS
-    with tqdm(total=total, desc=name, unit='image', disable=not progress) as bar:
-        for part_boxes in done:
-            boxes += part_boxes
-            bar.update(len(part_boxes))
-    write_scene(folder, scan, boxes)
-    folder.rename(out / name)
+    with _locked(folder):
+        if _complete(out / name, seed, number, settings):
+            return
+        for left in folder.iterdir():
+            shutil.rmtree(left) if left.is_dir() else left.unlink()
+        for part in FOLDERS:
+            (folder / part).mkdir(parents=True)
+        scan = _scan(seed, number, settings)
+        count = len(scan.home.positions)
+        jobs = [
+            (folder, seed, number, settings, start, min(start + CHUNK, count))
+            for start in range(0, count, CHUNK)
+        ]
+        done: Iterator[list[list[Box]]] = pool.map(_shoot, jobs) if pool else map(_shoot, jobs)
+        boxes: list[list[Box]] = []
+        total = count * HEADINGS
+        with tqdm(total=total, desc=name, unit='image', disable=not progress) as bar:
+            for part_boxes in done:
+                boxes += part_boxes
+                bar.update(len(part_boxes))
+        write_scene(folder, scan, boxes)
+        folder.rename(out / name)
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Make a folder and keep others from writing into it.
+
+    Raises:
+        OSError: If another process writes there.
+    """
+    folder.mkdir(exist_ok=True)
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            msg = f'Another process is writing into {folder}.'
+            raise OSError(msg) from None
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def _end_with_parent() -> None:

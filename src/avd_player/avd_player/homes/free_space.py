@@ -73,11 +73,15 @@ def find_free_space(
     x = origin[0] + (np.arange(columns * FINE) + 0.5) * step
     y = origin[1] + (np.arange(rows * FINE) + 0.5) * step
     rays = np.zeros((len(y), len(x), 6), np.float32)
-    rays[..., 0], rays[..., 1] = x[None], y[:, None]
-    rays[..., 2], rays[..., 5] = ROBOT_HEIGHT, -1.0
+    rays[..., 0], rays[..., 1], rays[..., 2] = x[None], y[:, None], ROBOT_HEIGHT
+    rays[..., 5] = 1.0
+    above = caster.cast(rays)
+    rays[..., 5] = -1.0
     hit = caster.cast(rays)
-    # From below, a surface is the inside of something; nothing at all is the inside of a wall.
+    # What is met from behind is the inside of something, and nothing at all that of a wall. A look
+    # down alone would miss what stands on the floor, as it may meet the floor instead of its base.
     inside = (hit['primitive_ids'] == NOTHING) | (hit['primitive_normals'][..., 2] <= 0)
+    inside |= (above['primitive_ids'] != NOTHING) & (above['primitive_normals'][..., 2] > 0)
     taken = inside | (hit['t_hit'] < ROBOT_HEIGHT - LOWEST)
     share = taken.reshape(rows, FINE, columns, FINE).mean((1, 3))
     cells = np.where(share > FULL, OCCUPIED, FREE).astype(np.uint8)

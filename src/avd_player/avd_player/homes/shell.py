@@ -25,6 +25,9 @@ from avd_player.homes.mesh import Mesh, box, cylinder, join, rectangle
 from avd_player.homes.site import Hung, Site
 from avd_player.homes.textures import hsv
 
+BASE = 0.001
+"""Where columns begin, in metres: where the floor is, rays would meet either of them."""
+
 CELL = 0.25
 """Light on walls, floors and ceilings is computed at points so far apart, metres."""
 
@@ -441,10 +444,10 @@ def build_structure(site: Site) -> None:
         for _ in range(int(rng.integers(1, 3))):
             size = style.between(0.22, 0.4)
             if style.chance(0.4):
-                mesh = cylinder(0, size / 2, 0, height, size / 2, material, COLUMN, segments=24)
+                mesh = cylinder(0, size / 2, BASE, height, size / 2, material, COLUMN, segments=24)
             else:
                 mesh = box(
-                    (-size / 2, 0, 0), (size / 2, size, height), material, COLUMN, cell=CELL
+                    (-size / 2, 0, BASE), (size / 2, size, height), material, COLUMN, cell=CELL
                 )
             big = max(range(len(site.rooms)), key=lambda i: site.rooms[i].area)
             room_index = big if style.chance(0.6) else int(rng.integers(len(site.rooms)))

@@ -93,15 +93,12 @@ def write_scene(folder: Path, scan: Scan, boxes: list[list[Box]]) -> None:
     links = scan.links()
     _write_annotations(folder, names, links, boxes)
     _write_structs(folder, scan, names, links)
-    camera = scan.lens.camera
-    # COLMAP has the middle of the first pixel at (0.5, 0.5).
-    center = camera.cx + 0.5, camera.cy + 0.5
-    numbers = camera.fx, camera.fy, *center, *scan.lens.distortion
+    width, height, *numbers = scan.lens
     (folder / 'cameras.txt').write_text(
         '# Camera list with one line of data per camera:\n'
         '#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n'
         '# Number of cameras: 1\n'
-        f'1 OPENCV_FISHEYE {camera.width} {camera.height} '
+        f'1 OPENCV_FISHEYE {width} {height} '
         f'{" ".join(f"{value:.9g}" for value in numbers)}\n'
     )
     counts = np.bincount([thing.number for thing in scan.home.things])

@@ -12,7 +12,7 @@ from PIL import Image
 from scipy import ndimage
 from scipy.io import loadmat
 
-from avd_player.avd_format import DEFAULT_LENS
+from avd_player.avd_format import DEFAULT_LENS, STRUCT_FIELDS
 from avd_player.homes.furniture import CEILING, FLOOR, WALL
 from avd_player.homes.home import FREE, OCCUPIED, OUTSIDE
 from avd_player.homes.instances import BOTTLE, BOTTLE_ID, INSTANCE_NAMES
@@ -21,7 +21,7 @@ from avd_player.homes.plan import draw_home
 from avd_player.homes.render import HomeRenderer
 from avd_player.homes.scene import HEADINGS, Box, Scan, SceneSettings
 from avd_player.homes.synth import write_homes
-from avd_player.homes.write import FIELDS, image_stem, write_scene, write_shot
+from avd_player.homes.write import image_stem, write_scene, write_shot
 from gridnav.actions import STEPS
 from gridnav.rgbd import CLASSES, Camera, CameraMount
 from vgdp_bringup.cli import main
@@ -204,7 +204,7 @@ def test_the_mat_file_is_as_others_read_it(scene: Path) -> None:
     """Its fields, shapes and conventions are AVD's."""
     file = loadmat(scene / 'image_structs.mat')
     structs = file['image_structs']
-    assert structs.dtype.names == FIELDS
+    assert structs.dtype.names == STRUCT_FIELDS
     assert structs.shape == (1, len(scan().poses))
     assert np.issubdtype(file['scale'].dtype, np.integer)
     for index in (0, 5, structs.shape[1] - 1):

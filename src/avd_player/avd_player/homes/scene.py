@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from avd_player.avd_format import DEFAULT_LENS
+from avd_player.avd_format import DEFAULT_LENS, TRANSLATIONS
 from avd_player.homes.noise import DepthNoise, add_noise
 from avd_player.homes.plan import POSITIONS, draw_home
 from avd_player.homes.render import HomeRenderer
@@ -41,7 +41,6 @@ MIN_BOX = (40.0, 12.0)
 DIFFICULTIES = ((300, 100), (200, 75), (100, 50), (50, 30))
 """Longer and shorter sides from which on a box is of difficulty 1, 2, 3, 4; others are of 5."""
 
-MOVES = ('forward', 'backward', 'left', 'right')
 _BEARINGS = np.radians([0.0, 180.0, 90.0, -90.0])
 MOVE_BEARING = np.radians(30.0)
 """A move's way is so close to its nominal direction."""
@@ -238,7 +237,7 @@ class Scan:
         way = place[candidate] - place[:, None]
         distance = np.where(neighbour >= 0, np.hypot(way[..., 0], way[..., 1]), np.inf)
         bearing = np.arctan2(way[..., 1], way[..., 0]) - heading[:, None]
-        for name, nominal in zip(MOVES, _BEARINGS.tolist(), strict=True):
+        for name, nominal in zip(TRANSLATIONS, _BEARINGS.tolist(), strict=True):
             off = np.abs((bearing - nominal + np.pi) % (2 * np.pi) - np.pi)
             usable = np.where(off <= MOVE_BEARING + 1e-6, distance, np.inf)
             nearest = usable.argmin(1)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
+from avd_player.avd_format import COLOR_FOLDER, DEPTH_FOLDER, LABEL_FOLDER
 from avd_player.homes.noise import DepthNoise
 from avd_player.homes.plan import POSITIONS
 from avd_player.homes.scene import HEADINGS, Scan, SceneSettings
@@ -36,8 +37,6 @@ if TYPE_CHECKING:
 
 CHUNK = 6
 """A worker takes so many positions at a time."""
-
-FOLDERS = ('jpg_rgb', 'high_res_depth', 'labels')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -189,7 +188,7 @@ def _write_home(
     name = scene_name(number)
     folder = out / f'.{name}.part'
     shutil.rmtree(folder, ignore_errors=True)
-    for part in FOLDERS:
+    for part in (COLOR_FOLDER, DEPTH_FOLDER, LABEL_FOLDER):
         (folder / part).mkdir(parents=True)
     scan = _scan(seed, number, settings)
     count = len(scan.home.positions)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from gridnav import GridGeometry
+    from vgdp_planner.planner import Plan, ValueGuidedPlanner
     from vgdp_planner.planning_grid import Cell, PlanningGrid, Point
 
 NEVER = -1
@@ -24,6 +25,9 @@ NEVER = -1
 REOPENINGS = 2
 """How often places that could not be stepped on are tried again in an episode, each time when
 nothing else is left."""
+
+BLOCKED_AFTER = 3
+"""A place that so many steps did not get to counts as an obstacle, unless said otherwise."""
 
 KEPT_STAMPS = 1000
 """No more stamps of poses are kept than this."""
@@ -79,7 +83,9 @@ class PlanningCycle:
         blocked_after: A place that so many steps did not get to counts as an obstacle.
     """
 
-    def __init__(self, settings: GridSettings | None = None, blocked_after: int = 3) -> None:
+    def __init__(
+        self, settings: GridSettings | None = None, blocked_after: int = BLOCKED_AFTER
+    ) -> None:
         self._settings = replace(settings or GridSettings(), keep_resolution=True)
         self._blocked_after = blocked_after
         self.start = NEVER
@@ -184,6 +190,20 @@ class PlanningCycle:
         self._blocked.clear()
         self._failures.clear()
         return replace(observation, grid=self._grid_now())
+
+    def plan(
+        self, planner: ValueGuidedPlanner, observation: Observation
+    ) -> tuple[Observation, Plan]:
+        """Plan on an observation; where that sees nowhere to go, on one that was reopened.
+
+        Returns:
+            What was planned on in the end, and the plan.
+        """
+        plan = planner.plan(observation.grid.partial_map, observation.grid.start)
+        again = None if plan.status == 'ok' else self.reopened(observation)
+        if again is None:
+            return observation, plan
+        return again, planner.plan(again.grid.partial_map, again.grid.start)
 
     def _grid_now(self) -> PlanningGrid:
         goal = None if self._goal is None else self._goal[1:]

@@ -309,6 +309,16 @@ def test_broken_images_are_named_and_the_rest_is_read(damaged: Callable[[], Path
         source.read('1.jpg')
 
 
+def test_a_floor_that_few_pixels_show_is_found(tmp_path: Path) -> None:
+    """A camera that looks up a little sees it in the corners of the room alone."""
+    mount = CameraMount(z=1.1, pitch=-0.06)
+    folder = write_scene(tmp_path / 'Home_001_1', mount=mount).folder
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        source = AvdSource(folder)
+        assert source.mount.z == pytest.approx(1.1, abs=5e-3)
+
+
 def test_without_depth_the_camera_is_taken_to_be_a_metre_up(damaged: Callable[[], Path]) -> None:
     """There is nothing to see the floor in."""
     folder = damaged()

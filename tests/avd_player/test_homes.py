@@ -14,17 +14,17 @@ from PIL import Image
 from scipy import ndimage
 from scipy.io import loadmat
 
+from avd_player.avd_format import DEFAULT_LENS, STRUCT_FIELDS
 from avd_player.homes.furniture import CEILING, FLOOR, WALL
 from avd_player.homes.home import FREE, OCCUPIED, OUTSIDE
 from avd_player.homes.instances import BOTTLE, BOTTLE_ID, INSTANCE_NAMES
-from avd_player.homes.lens import AVD_LENS
 from avd_player.homes.noise import DepthNoise, add_noise
 from avd_player.homes.plan import draw_home
 from avd_player.homes.rays import NOTHING, Caster
 from avd_player.homes.render import HomeRenderer
 from avd_player.homes.scene import HEADINGS, Box, Scan, SceneSettings
 from avd_player.homes.synth import write_homes
-from avd_player.homes.write import FIELDS, image_stem, write_scene, write_shot
+from avd_player.homes.write import image_stem, write_scene, write_shot
 from gridnav.actions import STEPS
 from gridnav.rgbd import CLASSES, Camera, CameraMount
 from vgdp_bringup.cli import main
@@ -171,8 +171,8 @@ def test_pictures_without_distortion() -> None:
 
 def test_lens_and_directions_agree() -> None:
     """What is projected comes back to its pixel."""
-    lens = AVD_LENS.resized(96, 54)
-    pixels = lens.project(lens.directions().astype(np.float64) * 2.5)
+    lens = DEFAULT_LENS.resized(96, 54)
+    pixels = lens.project(lens.directions()[..., :2].astype(np.float64)) - 0.5
     u, v = np.meshgrid(np.arange(96), np.arange(54))
     np.testing.assert_allclose(pixels, np.stack([u, v], -1), atol=1e-3)
 
@@ -184,6 +184,11 @@ def written(scene: Path, index: int) -> tuple[NDArray[np.float64], ...]:
     with Image.open(scene / 'high_res_depth' / f'{image_stem(NUMBER, index, 3)}.png') as image:
         depth = np.asarray(image, np.float64) / 1000
     return depth, one['R'], one['world_pos'].ravel() * float(file['scale'][0, 0]) / 1000
+
+
+def pixels_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the columns and rows (N, 2) where the scan's camera has points (N, 3)."""
+    return scan().lens.project(points[:, :2] / points[:, 2:]) - 0.5
 
 
 @pytest.mark.parametrize('turned', [True, False])
@@ -200,7 +205,7 @@ def test_two_views_agree(scene: Path, *, turned: bool) -> None:
     depth, rotation, place = written(scene, other)
     local = (world.reshape(-1, 3) - place) @ rotation.T
     local = local[local[:, 2] > 0.2]
-    u, v = scan().lens.project(local).T
+    u, v = pixels_of(local).T
     inside = (u > 1) & (u < SETTINGS.width - 2) & (v > 1) & (v < SETTINGS.height - 2)
     u, v, ahead = u[inside], v[inside], local[inside, 2]
     # On flat surfaces the inverse of depth is linear between pixels.
@@ -219,7 +224,7 @@ def test_the_mat_file_is_as_others_read_it(scene: Path) -> None:
     """Its fields, shapes and conventions are AVD's."""
     file = loadmat(scene / 'image_structs.mat')
     structs = file['image_structs']
-    assert structs.dtype.names == FIELDS
+    assert structs.dtype.names == STRUCT_FIELDS
     assert structs.shape == (1, len(scan().poses))
     assert np.issubdtype(file['scale'].dtype, np.integer)
     for index in (0, 5, structs.shape[1] - 1):
@@ -287,7 +292,7 @@ def test_boxes_hold_their_things() -> None:
                     local = (home.things[0].points[:, :3] - scan().poses[index, :3, 3]) @ (
                         scan().poses[index, :3, :3]
                     )
-                    u, v = scan().lens.project(local.astype(np.float64)).mean(0)
+                    u, v = pixels_of(local.astype(np.float64)).mean(0)
                     assert box.xmin - 2 <= u <= box.xmax + 2
                     assert box.ymin - 3 <= v <= box.ymax + 3
     assert boxes

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import time
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -22,6 +24,7 @@ def test_counters_latencies_ages_and_values(make_probe: Callable[[], Probe]) -> 
     node = make_probe().node
     diagnostics = Diagnostics(node)
     first = diagnostics.status()
+    assert not first.values
     assert (first.level, first.message) == (DiagnosticStatus.OK, 'running')
     for i in range(101):
         diagnostics.latency(i / 1000, 'plan')
@@ -41,6 +44,16 @@ def test_counters_latencies_ages_and_values(make_probe: Callable[[], Probe]) -> 
     assert values['map: received'] == '1'
     assert 0.05 <= float(values['map: age (s)']) < 5.0
     assert values['weights'] == 'default'
+
+
+def test_the_parameters_are_said_as_they_are_now(make_probe: Callable[[], Probe]) -> None:
+    """As JSON, with what has changed at run time."""
+    parameters = SimpleNamespace(seed=3, mode='add')
+    diagnostics = Diagnostics(make_probe().node, parameters)
+    parameters.seed = 4
+    (said,) = diagnostics.status().values
+    assert said.key == 'parameters'
+    assert json.loads(said.value) == {'seed': 4, 'mode': 'add'}
 
 
 def test_once_a_second_on_the_absolute_topic(make_probe: Callable[[], Probe]) -> None:

@@ -186,8 +186,8 @@ def knows_ros(path: Path) -> bool:
         or path.name.endswith('_node.py')
         or path.name.endswith('.launch.py')
         or (package == 'gridnav' and folders[0] == 'ros')
-        # The live view of the demo, and `vgdp info`.
-        or (package == 'vgdp_bringup' and path.name in {'watcher.py', 'info.py'})
+        # The live view of the demo, `vgdp info`, and what launch files share.
+        or (package == 'vgdp_bringup' and path.name in {'watcher.py', 'info.py', 'launching.py'})
     )
 
 

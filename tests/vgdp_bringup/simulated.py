@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,15 +10,17 @@ from tests.vgdp_bringup import synthetic
 from tests.vgdp_bringup.synthetic import SECOND, SyntheticBag, message
 
 from bev_mapper import GridFusion, LocalMapFusion, Pose2D, Window
-from gridnav.actions import DONE, STEPS, valid_moves
 from gridnav.grid import GridGeometry
-from gridnav.partial_map import OBSTACLE
 from maze_sim import MazeSimulation, make_mazes
 from vgdp_bringup.replay import decision_of
 from vgdp_planner.cycle import PlanningCycle
+from vgdp_planner.planning_grid import GridSettings
+from vgdp_planner.route import known_way, plan_blocks
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
     from vgdp_planner.cycle import Observation
     from vgdp_planner.planner import Plan, ValueGuidedPlanner
@@ -29,8 +32,26 @@ MAPPING, PLANNING, ACTING = 2 * MILLISECOND, 30 * MILLISECOND, MILLISECOND
 class SimulatedRobot:
     """A robot with mapper and planner that records what it does."""
 
-    def __init__(self, folder: Path, planner: ValueGuidedPlanner, namespace: str = '/') -> None:
-        """Create the bag."""
+    def __init__(
+        self,
+        folder: Path,
+        planner: ValueGuidedPlanner,
+        namespace: str = '/',
+        *,
+        fineness: int = 1,
+        parameters: dict[str, object] | None = None,
+    ) -> None:
+        """Create the bag.
+
+        Args:
+            folder: Of the bag.
+            planner: Of the robot.
+            namespace: Where the robot has its topics.
+            fineness: Cells of the map along the side of a step.
+            parameters: Of the planner's node, as it says them in its diagnostics.
+        """
+        self._fineness = fineness
+        self._parameters = parameters or {}
         self.bag = SyntheticBag(folder, namespace)
         self._planner = planner
         self._namespace = namespace
@@ -46,7 +67,7 @@ class SimulatedRobot:
         world = MazeSimulation([maze], 2, max_steps)
         # From a small map on, so that it has to grow.
         fusion = LocalMapFusion(GridFusion(GridGeometry(9, 9, 1.0)))
-        cycle = PlanningCycle()
+        cycle = PlanningCycle(GridSettings(resolution=1.0))
         fusion.begin_episode(start)
         cycle.begin(start)
         self._planner.reset(seed)
@@ -72,9 +93,9 @@ class SimulatedRobot:
             assert fusion.add_pose(stamp, Pose2D(x, y))
             cycle.add_pose(stamp, x, y)
             now += MAPPING
-            grid = fusion.grid
-            self.bag.add('map', now, synthetic.grid(stamp, grid.occupancy, grid.geometry))
-            cycle.add_map(stamp, grid.occupancy.copy(), grid.geometry)
+            cells, place = self._map(fusion.grid)
+            self.bag.add('map', now, synthetic.grid(stamp, cells, place))
+            cycle.add_map(stamp, cells, place)
             if not world.active[0]:
                 break
             observation = cycle.observation()
@@ -85,12 +106,21 @@ class SimulatedRobot:
             stamp += SECOND // 5
         self._say(world, start, stamp, seed)
 
+    def _map(self, grid: GridFusion) -> tuple[NDArray[np.int8], GridGeometry]:
+        """Return the map with smaller cells."""
+        k, place = self._fineness, grid.geometry
+        cells = grid.occupancy.repeat(k, axis=0).repeat(k, axis=1)
+        rows, cols = cells.shape
+        fine = GridGeometry(rows, cols, place.resolution / k, place.origin_x, place.origin_y)
+        return cells, fine
+
     def _plan(self, cycle: PlanningCycle, observation: Observation, now: int) -> list[int]:
+        observation, plan = cycle.plan(self._planner, observation)
         grid = observation.grid
-        plan = self._planner.plan(grid.partial_map, grid.start)
         cycle.planned(observation, decision_of(plan, grid))
         stamp = observation.stamp
-        way = self._way(observation, plan.actions.tolist())
+        blocks, moves = plan_blocks(grid, plan)
+        way = [(x, y) for x, y in grid.way(blocks, via=moves).tolist()]
         self.bag.add('plan', now, synthetic.path(stamp, way))
         lines = [
             synthetic.line(stamp, index, self._way(observation, actions), value)
@@ -108,20 +138,18 @@ class SimulatedRobot:
 
     def _way(self, observation: Observation, actions: list[int]) -> list[tuple[float, float]]:
         """Return the points of a plan up to Done or a step into a known obstacle."""
-        valid = valid_moves(observation.grid.partial_map[OBSTACLE] > 0)
-        cells = [observation.grid.start]
-        for action in actions:
-            row, col = cells[-1]
-            if action == DONE or not valid[action, row, col]:
-                break
-            row_step, col_step = STEPS[action].tolist()
-            cells.append((row + row_step, col + col_step))
-        return [observation.grid.geometry.center_of(*cell) for cell in cells]
+        grid = observation.grid
+        cells = known_way(grid.partial_map, grid.start, actions)
+        return [grid.geometry.center_of(*cell) for cell in cells]
 
     def _report(self, plan: Plan, now: int) -> None:
         self._sources[plan.source] = self._sources.get(plan.source, 0) + 1
         name = f'{self._namespace}vgdp_planner'
-        pairs = {f'plans: {source}': count for source, count in self._sources.items()}
+        pairs: dict[str, object] = {
+            f'plans: {source}': count for source, count in self._sources.items()
+        }
+        if self._parameters:
+            pairs['parameters'] = json.dumps(self._parameters)
         status = synthetic.status(name, 'planning', 0, **pairs)
         array = message(
             'diagnostic_msgs/msg/DiagnosticArray', header=synthetic.header(now), status=[status]

@@ -8,10 +8,11 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 import pytest
 import yaml
+from tests.avd_player.tiny_scene import write_scene
 from tests.vgdp_bringup.synthetic import odometry
 
 from vgdp_bringup.topics import TOPICS
@@ -31,6 +32,10 @@ class Recorded:
     positional: tuple[Any, ...]
     named: dict[str, Any]
 
+    def perform(self, context: dict[str, str]) -> str:
+        """Return the value of an argument."""
+        return context[self.positional[0]]
+
 
 def stub(module: str, *names: str) -> ModuleType:
     """Return a module whose classes only record how they are called."""
@@ -46,13 +51,29 @@ def stub(module: str, *names: str) -> ModuleType:
 
 @pytest.fixture(scope='module')
 def launched() -> list[Recorded]:
-    """Return what the launch file describes."""
+    """Return what the launch file for mazes describes."""
+    return described('maze')
+
+
+@pytest.fixture(scope='module')
+def home() -> list[Recorded]:
+    """Return what the launch file for homes describes."""
+    return described('home')
+
+
+def described(name: str) -> list[Recorded]:
+    """Return what a launch file describes."""
     stubs = {
         'launch': stub('launch', 'LaunchDescription'),
-        'launch.actions': stub('launch.actions', 'DeclareLaunchArgument'),
+        'launch.actions': stub(
+            'launch.actions', 'DeclareLaunchArgument', 'OpaqueFunction', 'SetEnvironmentVariable'
+        ),
         'launch.conditions': stub('launch.conditions', 'IfCondition'),
         'launch.substitutions': stub(
-            'launch.substitutions', 'LaunchConfiguration', 'PathJoinSubstitution'
+            'launch.substitutions',
+            'EnvironmentVariable',
+            'LaunchConfiguration',
+            'PathJoinSubstitution',
         ),
         'launch_ros': ModuleType('launch_ros'),
         'launch_ros.actions': stub('launch_ros.actions', 'Node'),
@@ -62,9 +83,10 @@ def launched() -> list[Recorded]:
         'launch_ros.substitutions': stub('launch_ros.substitutions', 'FindPackageShare'),
     }
     with pytest.MonkeyPatch.context() as patch:
-        for name, module in stubs.items():
-            patch.setitem(sys.modules, name, module)
-        namespace = runpy.run_path(str(SHARE / 'launch' / 'maze.launch.py'))
+        for module, stubbed in stubs.items():
+            patch.setitem(sys.modules, module, stubbed)
+        patch.delitem(sys.modules, 'vgdp_bringup.launching', raising=False)
+        namespace = runpy.run_path(str(SHARE / 'launch' / f'{name}.launch.py'))
         description: Recorded = namespace['generate_launch_description']()
     items: list[Recorded] = description.positional[0]
     return items
@@ -126,7 +148,53 @@ def test_the_parameters_exist(launched: list[Recorded]) -> None:
     for call in launched:
         if call.name == 'Node' and call.named['package'] in tables:
             known = {*tables[call.named['package']].__dataclass_fields__, 'use_sim_time'}
-            assert set(call.named['parameters'][-1]) <= known
+            files, tables_given = files_and_tables(call)
+            assert [file.positional for file in files] == [('params_file',)]
+            assert set().union(*tables_given) <= known
+
+
+def files_and_tables(call: Recorded) -> tuple[list[Any], list[dict[str, Any]]]:
+    """Return what a node gets its parameters from."""
+    given = call.named['parameters']
+    return (
+        [item for item in given if not isinstance(item, dict)],
+        [item for item in given if isinstance(item, dict)],
+    )
+
+
+def test_a_home_has_the_parameters_of_the_demo(home: list[Recorded], tmp_path: Path) -> None:
+    """Each of its node and of its type; a file given wins, and a replay shows every frame."""
+    pytest.importorskip('rclpy')
+    from avd_player.node import AvdPlayerParameters  # noqa: PLC0415 - needs ROS
+    from vgdp_bringup.home_demo import mapper_parameters  # noqa: PLC0415
+
+    scene = write_scene(tmp_path / 'Home_001_1', cells=[(0, 0)]).folder
+    declared = {call.positional[0]: call.named for call in find(home, 'DeclareLaunchArgument')}
+    context = {name: given.get('default_value', '') for name, given in declared.items()}
+    (start,) = find(home, 'OpaqueFunction')
+    tables = {**write_config()['TABLES'], 'avd_player': AvdPlayerParameters}
+    for mode, views in (('closed_loop', 12), ('replay', 1)):
+        context |= {'scene': str(scene), 'mode': mode, 'params_file': 'my.yaml', 'seed': '7'}
+        calls = start.named['function'](context)
+        names = {call.positional[0] for call in find(calls, 'LaunchConfiguration')}
+        assert names <= set(declared)
+        nodes = {call.named['package']: call for call in calls if call.name == 'Node'}
+        assert set(nodes) == {*tables, 'vgdp_bringup', 'rviz2'} - {'maze_sim'}
+        given = {}
+        for package in ('avd_player', 'bev_mapper', 'vgdp_planner'):
+            files, (given[package], _) = files_and_tables(nodes[package])
+            assert files == ['my.yaml']
+            hints = get_type_hints(tables[package])
+            for name, value in given[package].items():
+                assert type(value) is hints[name], name
+        assert (given['avd_player']['mode'], given['avd_player']['seed']) == (mode, 7)
+        assert given['vgdp_planner']['seed'] == 7
+        assert ('pose_source' in given['vgdp_planner']) == (mode == 'replay')
+        expected = mapper_parameters(scene, 'geometric') | {'views_per_step': views}
+        assert given['bev_mapper'] == expected
+        _, (bag, _) = files_and_tables(nodes['vgdp_bringup'])
+        assert 'map' in bag['topics'].split()
+        assert 'image_raw' not in bag['topics']
 
 
 def recorder_table() -> type:

@@ -16,7 +16,9 @@ from avd_player.simulation import ActiveVisionSimulation, SearchRules
 from gridnav import DONE
 from gridnav.metrics import Outcome
 from gridnav.ros.qos import EPISODE_QOS, RELIABLE_QOS
-from vgdp_bringup.home_demo import mapper_parameters, planner_parameters
+from vgdp_bringup.bags import only_namespace
+from vgdp_bringup.home_demo import RECORDED, mapper_parameters, planner_parameters
+from vgdp_bringup.replay import replay_plan
 from vgdp_experiments.search.loop import SearchStep, search
 from vgdp_experiments.search.searchers import FrontierSearcher, PlannerSearcher, Searcher
 from vgdp_planner import ValueGuidedPlanner
@@ -58,11 +60,16 @@ def test_a_search_in_one_process(folder: Path) -> None:
 
 
 @pytest.mark.filterwarnings('ignore:Home_001_1')
-def test_same_actions_over_dds(node_process: StartNode, probe: Probe, folder: Path) -> None:
-    """Player, mapper and planner as processes take the steps of one process."""
+def test_same_actions_over_dds(
+    node_process: StartNode, probe: Probe, folder: Path, tmp_path: Path
+) -> None:
+    """Player, mapper and planner as processes take the steps of one process; so does the bag."""
     outcome, expected, _ = searched(folder, PlannerSearcher(ValueGuidedPlanner.from_pretrained()))
     actions = probe.record(UInt8, 'action', RELIABLE_QOS)
     episode = probe.record(DiagnosticStatus, 'episode', EPISODE_QOS)
+    bag = tmp_path / 'bag'
+    recorder = node_process('vgdp_bringup.node', {'bag': bag, 'topics': f"'{RECORDED}'"})
+    recorder.wait_output('Recording')
     node_process('bev_mapper.node', mapper_parameters(folder, 'geometric'))
     planner = node_process('vgdp_planner.node', planner_parameters(3))
     planner.wait_output('Planning')
@@ -83,3 +90,7 @@ def test_same_actions_over_dds(node_process: StartNode, probe: Probe, folder: Pa
     wait_for(lambda: any(status.message == outcome for status in episode), 90)
     wait_for(lambda: len(actions) == len(expected))
     assert [message.data for message in actions] == expected
+    recorder.end()
+    comparison = replay_plan(bag, only_namespace(bag))
+    assert comparison.compared > 3
+    assert comparison.differences == []

@@ -32,6 +32,15 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def bag_of(folder: Path, **parameters: object) -> Path:
+    """Return a short bag of a robot on a map with three cells to a step."""
+    planner = ValueGuidedPlanner.from_pretrained()
+    robot = SimulatedRobot(folder, planner, fineness=3, parameters=parameters)
+    robot.run(seed=4, start=100 * SECOND, max_steps=25)
+    robot.close()
+    return folder
+
+
 def changed(bag: Path, target: Path, topic: str, change: Callable[[int, Any], Any]) -> Path:
     """Copy a bag; ``change`` gets the number and the content of each message on one topic.
 
@@ -138,15 +147,37 @@ def test_what_can_not_be_replayed_is_refused(
     assert 'holds neither an episode nor odom' in capsys.readouterr().err
 
 
-def test_plans_on_a_coarser_grid_are_refused(
-    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_plans_on_a_coarser_grid_are_made_again_as_recorded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One sentence says why they can't be made again."""
+    """By the parameters that the planner's node said; without them, one sentence says why not."""
+    bag = bag_of(tmp_path / 'bag', planning_resolution=1.0, seed=4)
+    assert main(['bag', 'replay', str(bag), '--against', 'plan']) == 0
+    (line,) = capsys.readouterr().out.splitlines()
+    equal, compared = (int(line.split()[index]) for index in (1, 3))
+    assert equal == compared > 5
 
-    def finer(_: int, message: Any) -> Any:  # noqa: ANN401
-        message.poses = [pose for pose in message.poses for _ in range(20)]
-        return message
-
-    copy = changed(bag, tmp_path / 'bag', '/robot/plan', finer)
-    assert main(['bag', 'replay', str(copy), '--against', 'plan']) == 2
+    silent = changed(bag, tmp_path / 'silent', '/diagnostics', lambda *_: None)
+    assert main(['bag', 'replay', str(silent), '--against', 'plan']) == 2
     assert 'coarser than the map' in capsys.readouterr().err
+
+
+def test_the_seed_and_the_weights_are_those_recorded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not those of the episode, or the shipped ones."""
+    bag = bag_of(tmp_path / 'bag', planning_resolution=1.0, seed=99)
+    assert main(['bag', 'replay', str(bag), '--against', 'plan']) == 1
+    assert 'candidates have other values' in capsys.readouterr().out
+    bag = bag_of(tmp_path / 'other', weights=str(tmp_path / 'none'))
+    assert main(['bag', 'replay', str(bag), '--against', 'plan']) == 2
+    assert 'none' in capsys.readouterr().err
+
+
+def test_plans_of_a_robot_that_moves_by_itself_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They depend on when its poses came."""
+    bag = bag_of(tmp_path / 'bag', pose_source='tf')
+    assert main(['bag', 'replay', str(bag), '--against', 'plan']) == 2
+    assert "moves by itself (pose_source 'tf')" in capsys.readouterr().err

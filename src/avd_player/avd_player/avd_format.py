@@ -58,7 +58,8 @@ STRUCT_FIELDS = (
 NEEDED_FIELDS = ('image_name', 'R', 'world_pos', 'direction', 'cluster_id')
 
 ROTATIONS = ('rotate_ccw', 'rotate_cw')
-MOVES = (*ROTATIONS, 'forward', 'backward', 'left', 'right')
+TRANSLATIONS = ('forward', 'backward', 'left', 'right')
+MOVES = (*ROTATIONS, *TRANSLATIONS)
 """Pointers of an image to others, in the order of `annotations.json`."""
 
 BOX_VALUES = 6

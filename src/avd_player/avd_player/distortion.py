@@ -76,6 +76,15 @@ class Lens(NamedTuple):
         stretch = np.divide(np.tan(theta), bent, out=np.ones_like(bent), where=bent > 0)
         return bent_rays * stretch[..., None]
 
+    def directions(self) -> NDArray[np.float32]:
+        """Return where the middle of each pixel looks, with 1 along the optical axis, (H, W, 3).
+
+        A surface that a ray meets at t of its length so has the depth t.
+        """
+        middles = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
+        rays = self.unproject(np.stack(middles, -1))
+        return np.concatenate([rays, np.ones_like(rays[..., :1])], -1).astype(np.float32)
+
     def _bend(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
         square = theta * theta
         bent: NDArray[np.float64] = theta * (

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 import warnings
-from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,7 +15,6 @@ from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import SetParametersResult
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image
-from std_msgs.msg import UInt8
 from std_srvs.srv import Trigger
 
 from avd_player.avd_format import GRID_M
@@ -30,24 +28,23 @@ from avd_player.simulation import (
     SearchRules,
 )
 from avd_player.sources import AvdSource, PosedSequence, mounted_pose, open_source
-from gridnav.actions import DONE
-from gridnav.metrics import Outcome
 from gridnav.rgbd import MILLIMETRE, VIEW_SUFFIX, CameraMount, FrameError, Pose3D, RgbdFrame
 from gridnav.ros.conversions import NANOSECONDS, header, to_nanoseconds, to_stamp
-from gridnav.ros.episode import PLANNER_GAVE_UP, EpisodeStatus
+from gridnav.ros.lockstep import Lockstep, LockstepWorld
 from gridnav.ros.node import BaseNode
 from gridnav.ros.parameters import parameter
-from gridnav.ros.qos import BURST_QOS, EPISODE_QOS, MAP_QOS, RELIABLE_QOS
+from gridnav.ros.qos import BURST_QOS, MAP_QOS, RELIABLE_QOS
 from gridnav.ros.rgbd import to_camera_info, to_image, to_pose_3d
 from gridnav.ros.run import run_node
 from gridnav.ros.tf import FrameBroadcaster
-from gridnav.ros.validation import InvalidMessage
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
     from rclpy.parameter import Parameter
+
+    from gridnav.metrics import EpisodeResult
 
 SOURCE = 'avd_player'
 """Who speaks on ``episode``."""
@@ -56,9 +53,6 @@ REPLAY, CLOSED_LOOP = 'replay', 'closed_loop'
 
 STEP_NS = 1000
 """Stamps of a step differ by nanoseconds, those of two steps by this at least."""
-
-MAX_QUEUED = 1000
-"""More actions than this never wait for their turn."""
 
 DISCOVERY_S = 5.0
 """So long the node waits at first for somebody who takes in images and poses."""
@@ -389,46 +383,41 @@ class AvdPlayerNode(BaseNode[AvdPlayerParameters]):
 
     def _start_search(self, scene: Scene) -> None:
         self._arena = scene
-        self._actions: deque[int] = deque()
-        self._base_seed = self.parameters.seed
-        self._episodes = 0
         self._observation: list[View] = []
-        self._episode = self.advertise(DiagnosticStatus, 'episode', EPISODE_QOS)
-        self._pace = self.create_timer(1.0, self._on_pace)
-        self._pace.cancel()
         self._repeat = self.create_timer(
             self.parameters.observation_period, self._publish_observation
         )
-        self._begin_episode()
-        self.subscribe(
-            DiagnosticStatus, 'episode', self._on_episode, EPISODE_QOS, single_source=False
+        world = LockstepWorld(
+            begin=self._begin,
+            show_start=self._show_start,
+            act=self._act,
+            show_step=self._publish_step,
+            give_up=self._give_up,
+            result=self._result,
+            facts=self._facts,
         )
-        self.subscribe(UInt8, 'action', self._on_action, RELIABLE_QOS)
-        self.provide_reset(self._reset)
+        self._lockstep = Lockstep(self, SOURCE, world)
+        self._lockstep.open()
 
-    def _begin_episode(self) -> None:
-        """Put the robot on its start and say so."""
+    def _begin(self, seed: int) -> int:
+        """Put the robot on its start."""
         p = self.parameters
-        if p.seed != self._base_seed:
-            self._base_seed, self._episodes = p.seed, 0
-        seed = self._base_seed + self._episodes
         simulation = ActiveVisionSimulation(self._arena, p.rules())
         simulation.restart(seed, None if p.start_position < 0 else p.start_position)
-        self._episodes += 1
-        self._seed = seed
         self._simulation = simulation
-        self._actions.clear()
-        self._pace.cancel()
         self._published_goal = None
         self._advance_stamp()
-        self._start = self._stamp
-        self._publish_episode()
+        return self._stamp
+
+    def _show_start(self) -> None:
+        """Publish the first views, unless that waits for somebody who sees them."""
         if self._discovery.is_canceled():
             self._publish_step()
-        result = simulation.result()
+        simulation = self._simulation
         self.get_logger().info(
-            f'Episode with seed {seed}: {self._arena.name}, from position {simulation.position} '
-            f'of {len(self._arena.views)}, {result.expert_steps} moves for one who knows it.'
+            f'Episode with seed {self._lockstep.seed}: {self._arena.name}, from position '
+            f'{simulation.position} of {len(self._arena.views)}, '
+            f'{simulation.result().expert_steps} moves for one who knows it.'
         )
 
     def _on_discovery(self) -> None:
@@ -442,77 +431,22 @@ class AvdPlayerNode(BaseNode[AvdPlayerParameters]):
             elif not self._replay.paused:
                 self._schedule(0)
 
-    def _reset(self) -> str:
-        self._begin_episode()
-        return f'A new episode with seed {self._seed} has begun.'
-
-    def _on_action(self, message: UInt8) -> None:
-        if message.data > DONE:
-            msg = f'An action is a number from 0 to {DONE}, got {message.data}.'
-            raise InvalidMessage(msg)
-        if self._simulation.outcome is not Outcome.RUNNING:
-            self.diagnostics.count('ignored: action after the end of the episode')
-            return
-        if len(self._actions) >= MAX_QUEUED:
-            msg = f'More than {MAX_QUEUED} actions are waiting to be executed.'
-            raise InvalidMessage(msg)
-        self._actions.append(message.data)
-        if self._pace.is_canceled():
-            self._on_pace()
-
-    def _on_pace(self) -> None:
-        """Execute the next action, or all of them when there is no pace to keep."""
-        self._pace.cancel()
-        while self._actions:
-            self._execute(self._actions.popleft())
-            if self.parameters.rate > 0:
-                self._pace.timer_period_ns = round(NANOSECONDS / self.parameters.rate)
-                self._pace.reset()
-                return
-
-    def _execute(self, action: int) -> None:
-        """Take one action and publish what came of it."""
-        began = time.perf_counter()
+    def _act(self, action: int) -> None:
+        """Take one action."""
         self._simulation.step(action)
         self._advance_stamp()
-        if self._simulation.outcome is not Outcome.RUNNING:
-            self._end_episode()
-        self._publish_step()
-        self.diagnostics.latency(time.perf_counter() - began, 'step')
 
-    def _on_episode(self, message: DiagnosticStatus) -> None:
-        """End the episode when the planner of this very episode gave up."""
-        if message.name == SOURCE:
-            return
-        status = EpisodeStatus.from_message(message)
-        gave_up = status.message in PLANNER_GAVE_UP and status.start == self._start
-        if gave_up and self._simulation.outcome is Outcome.RUNNING:
-            self._simulation.give_up()
-            self.get_logger().info(f'{status.source} gave up: {status.message}.')
-            self._end_episode()
+    def _give_up(self) -> None:
+        self._simulation.give_up()
 
-    def _end_episode(self) -> None:
-        self._actions.clear()
-        self._pace.cancel()
-        self._publish_episode()
-        result = self._simulation.result()
-        self.get_logger().info(
-            f'Episode with seed {self._seed} ended in {result.outcome} after {result.steps} '
-            f'actions, SPL {result.spl:.2f}.'
-        )
+    def _result(self) -> EpisodeResult:
+        return self._simulation.result()
 
-    def _publish_episode(self) -> None:
-        simulation = self._simulation
-        result, rules = simulation.result(), simulation.rules
-        values = {
-            'steps': result.steps,
-            'path_cost': f'{result.path_cost:.6f}',
-            'expert_steps': result.expert_steps,
-            'expert_cost': f'{result.expert_cost:.6f}',
-            'spl': f'{result.spl:.6f}',
-            'spl_steps': f'{result.spl_steps:.6f}',
+    def _facts(self) -> dict[str, object]:
+        """Return what is said of the episode besides how it goes."""
+        simulation, rules = self._simulation, self._simulation.rules
+        return {
             'bumps': simulation.bumps,
-            'seed': self._seed,
             'scene': simulation.scene.name,
             'positions': len(simulation.scene.views),
             'start_position': simulation.start,
@@ -522,13 +456,6 @@ class AvdPlayerNode(BaseNode[AvdPlayerParameters]):
             'max_steps': rules.max_steps,
             'resolution': GRID_M,
         }
-        status = EpisodeStatus(
-            SOURCE, result.outcome, self._start, {key: str(v) for key, v in values.items()}
-        )
-        self._episode.publish(status.to_message())
-        fine = result.outcome in (Outcome.RUNNING, Outcome.SUCCESS)
-        level = DiagnosticStatus.OK if fine else DiagnosticStatus.WARN
-        self.diagnostics.report(level, f'seed {self._seed}: {result.outcome}')
 
     def _publish_step(self) -> None:
         """Publish a new step: the images, the goal if it was seen, and then the poses.

@@ -4,34 +4,27 @@ from __future__ import annotations
 
 import math
 import sys
-import time
-from collections import deque
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
-from std_msgs.msg import UInt8
 
-from gridnav.actions import DONE
 from gridnav.grid import GridGeometry
-from gridnav.metrics import Outcome
-from gridnav.ros.conversions import (
-    NANOSECONDS,
-    to_occupancy_grid,
-    to_odometry,
-    to_pose_stamped,
-)
-from gridnav.ros.episode import PLANNER_GAVE_UP, EpisodeStatus
+from gridnav.ros.conversions import to_occupancy_grid, to_odometry, to_pose_stamped
+from gridnav.ros.lockstep import Lockstep, LockstepWorld
 from gridnav.ros.node import BaseNode
 from gridnav.ros.parameters import parameter
-from gridnav.ros.qos import EPISODE_QOS, MAP_QOS, RELIABLE_QOS
+from gridnav.ros.qos import MAP_QOS, RELIABLE_QOS
 from gridnav.ros.run import run_node
 from gridnav.ros.tf import FrameBroadcaster
-from gridnav.ros.validation import MAX_RESOLUTION_M, MIN_RESOLUTION_M, InvalidMessage
+from gridnav.ros.validation import MAX_RESOLUTION_M, MIN_RESOLUTION_M
 from maze_sim.simulation import MazeSimulation
 from maze_sim.worlds import WORLD_KINDS, Worlds
+
+if TYPE_CHECKING:
+    from gridnav.metrics import EpisodeResult
 
 SOURCE = 'maze_sim'
 """Who speaks on ``episode``."""
@@ -41,9 +34,6 @@ X_X, Y_Y = 0, 7
 
 MIN_SIDE = 9
 """Smaller worlds have no start and goal that are 15 steps apart."""
-
-MAX_QUEUED = 1000
-"""More actions than this never wait for their turn."""
 
 
 @dataclass
@@ -148,38 +138,32 @@ class MazeSimNode(BaseNode[MazeSimParameters]):
             ParameterError: If a parameter can't be used.
         """
         super().__init__('maze_sim', MazeSimParameters)
-        self._actions: deque[int] = deque()
         self._stamp = -1
-        self._base_seed = self.parameters.seed
-        self._episodes = 0
-
-        self._episode = self.advertise(DiagnosticStatus, 'episode', EPISODE_QOS)
         self._goal_pose = self.advertise(PoseStamped, 'goal_pose', MAP_QOS)
         self._odom = self.advertise(Odometry, 'odom', RELIABLE_QOS)
         self._local_map = self.advertise(OccupancyGrid, 'local_map', RELIABLE_QOS)
         self._frames = FrameBroadcaster(self)
-
-        self._pace = self.create_timer(1.0, self._on_pace)
-        self._pace.cancel()
         self._repeat = self.create_timer(
             self.parameters.observation_period, self._publish_observation
         )
-        self._begin_episode()
-        self.subscribe(
-            DiagnosticStatus, 'episode', self._on_episode, EPISODE_QOS, single_source=False
+        world = LockstepWorld(
+            begin=self._begin,
+            show_start=self._show_start,
+            act=self._act,
+            show_step=self._publish_step,
+            give_up=self._give_up,
+            result=self._result,
+            facts=self._facts,
         )
-        self.subscribe(UInt8, 'action', self._on_action, RELIABLE_QOS)
-        self.provide_reset(self._reset)
+        self._lockstep = Lockstep(self, SOURCE, world)
+        self._lockstep.open()
 
-    def _begin_episode(self) -> None:
-        """Draw a maze, put the robot on its start and say so."""
+    def _begin(self, seed: int) -> int:
+        """Draw a maze and put the robot on its start."""
         p = self.parameters
-        if p.seed != self._base_seed:
-            self._base_seed, self._episodes = p.seed, 0
-        seed = self._base_seed + self._episodes
         worlds = p.worlds()
         maze = worlds.sample(np.random.default_rng([seed, 0]))
-        simulation = MazeSimulation(
+        self._simulation = MazeSimulation(
             [maze],
             p.view_range,
             p.max_steps,
@@ -187,106 +171,49 @@ class MazeSimNode(BaseNode[MazeSimParameters]):
             pose_noise=p.pose_noise,
             seeds=[[seed, 1]],
         )
-        self._episodes += 1
-        self._seed = seed
-        self._simulation = simulation
         self._geometry = worlds.geometry
         if not p.map_file:
             self._geometry = replace(worlds.geometry, resolution=p.resolution)
-        self._actions.clear()
-        self._pace.cancel()
         self._yaw = 0.0
         self._goal_published = False
         self._advance_stamp()
-        self._start = self._stamp
-        self._publish_episode()
+        return self._stamp
+
+    def _show_start(self) -> None:
+        """Publish the first observation and say what world it is of."""
         self._publish_step()
         rows, cols = self._geometry.shape
+        maze = self._simulation.mazes[0]
         for_expert = f'{maze.expert_steps} steps for one who knows the maze'
         if not maze.reachable:
             for_expert = 'no way to the goal'
         self.get_logger().info(
-            f'Episode with seed {self._seed}: {rows} x {cols} cells, view range '
-            f'{p.view_range}, {for_expert}.'
+            f'Episode with seed {self._lockstep.seed}: {rows} x {cols} cells, view range '
+            f'{self._simulation.view_range}, {for_expert}.'
         )
 
-    def _reset(self) -> str:
-        self._begin_episode()
-        return f'A new episode with seed {self._seed} has begun.'
-
-    def _on_action(self, message: UInt8) -> None:
-        if message.data > DONE:
-            msg = f'An action is a number from 0 to {DONE}, got {message.data}.'
-            raise InvalidMessage(msg)
-        if not self._simulation.active[0]:
-            self.diagnostics.count('ignored: action after the end of the episode')
-            return
-        if len(self._actions) >= MAX_QUEUED:
-            msg = f'More than {MAX_QUEUED} actions are waiting to be executed.'
-            raise InvalidMessage(msg)
-        self._actions.append(message.data)
-        if self._pace.is_canceled():
-            self._on_pace()
-
-    def _on_pace(self) -> None:
-        """Execute the next action, or all of them when there is no pace to keep."""
-        self._pace.cancel()
-        while self._actions:
-            self._execute(self._actions.popleft())
-            if self.parameters.rate > 0:
-                self._pace.timer_period_ns = round(NANOSECONDS / self.parameters.rate)
-                self._pace.reset()
-                return
-
-    def _execute(self, action: int) -> None:
-        """Take one step and publish what came of it."""
-        began = time.perf_counter()
+    def _act(self, action: int) -> None:
+        """Take one step."""
         before = self._simulation.cells[0].copy()
         self._simulation.step(np.array([action]))
         row_step, col_step = (self._simulation.cells[0] - before).tolist()
         if row_step or col_step:
             self._yaw = math.atan2(row_step, col_step)
         self._advance_stamp()
-        if not self._simulation.active[0]:
-            self._end_episode()
-        self._publish_step()
-        self.diagnostics.latency(time.perf_counter() - began, 'step')
-
-    def _on_episode(self, message: DiagnosticStatus) -> None:
-        """End the episode when the planner of this very episode gave up."""
-        if message.name == SOURCE:
-            return
-        status = EpisodeStatus.from_message(message)
-        gave_up = status.message in PLANNER_GAVE_UP and status.start == self._start
-        if gave_up and self._simulation.active[0]:
-            self._simulation.give_up(np.array([0]))
-            self.get_logger().info(f'{status.source} gave up: {status.message}.')
-            self._end_episode()
-
-    def _end_episode(self) -> None:
-        self._actions.clear()
-        self._pace.cancel()
-        self._publish_episode()
-        result = self._simulation.results()[0]
-        self.get_logger().info(
-            f'Episode with seed {self._seed} ended in {result.outcome} after {result.steps} '
-            f'actions, SPL {result.spl:.2f}.'
-        )
 
     def _advance_stamp(self) -> None:
         """Give the next step its stamp: now, but later than all before."""
         self._stamp = max(self.get_clock().now().nanoseconds, self._stamp + 1)
 
-    def _publish_episode(self) -> None:
-        result = self._simulation.results()[0]
-        values = {
-            'steps': result.steps,
-            'path_cost': f'{result.path_cost:.6f}',
-            'expert_steps': result.expert_steps,
-            'expert_cost': f'{result.expert_cost:.6f}',
-            'spl': f'{result.spl:.6f}',
-            'spl_steps': f'{result.spl_steps:.6f}',
-            'seed': self._seed,
+    def _give_up(self) -> None:
+        self._simulation.give_up(np.array([0]))
+
+    def _result(self) -> EpisodeResult:
+        return self._simulation.result(0)
+
+    def _facts(self) -> dict[str, object]:
+        """Return what is said of the episode besides how it goes."""
+        return {
             'size': max(self._geometry.shape),
             'rows': self._geometry.rows,
             'cols': self._geometry.cols,
@@ -294,13 +221,6 @@ class MazeSimNode(BaseNode[MazeSimParameters]):
             'max_steps': self._simulation.max_steps,
             'resolution': self._geometry.resolution,
         }
-        status = EpisodeStatus(
-            SOURCE, result.outcome, self._start, {key: str(v) for key, v in values.items()}
-        )
-        self._episode.publish(status.to_message())
-        fine = result.outcome in (Outcome.RUNNING, Outcome.SUCCESS)
-        level = DiagnosticStatus.OK if fine else DiagnosticStatus.WARN
-        self.diagnostics.report(level, f'seed {self._seed}: {result.outcome}')
 
     def _publish_step(self) -> None:
         """Publish a new step: the goal if it has just come into sight, then the observation.

@@ -5,6 +5,7 @@ An observation and everything that follows from it carry one stamp, so a bag fal
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from bisect import bisect_right
@@ -38,6 +39,9 @@ WORLDS = ('maze_sim', 'avd_player')
 
 PLANNER = 'vgdp_planner'
 """Name of the node that plans."""
+
+PARAMETERS = 'parameters'
+"""How a node's parameters, as JSON, are called in its diagnostics."""
 
 PLANS = 'plans: '
 """How the planner's counts of plans by their source are called in its diagnostics."""
@@ -288,6 +292,22 @@ def read_messages(path: Path, namespace: str, topics: Collection[str]) -> Messag
         BagError: If there is no readable bag.
     """
     return _contents(path, namespace.rstrip('/') + '/', topics)[0]
+
+
+def parameters_of(arrays: list[tuple[int, Any]], node: str) -> dict[str, Any]:
+    """Return the parameters that a node said first in its diagnostics; none if it did not.
+
+    Args:
+        arrays: The messages on ``/diagnostics``, with their times of arrival.
+        node: Full name of the node.
+    """
+    for _, array in arrays:
+        for status in array.status:
+            values = {item.key: item.value for item in status.values}
+            if status.name == node and PARAMETERS in values:
+                said: dict[str, Any] = json.loads(values[PARAMETERS])
+                return said
+    return {}
 
 
 def _contents(

@@ -6,7 +6,7 @@ import argparse
 import sys
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vgdp_experiments import commands
 from vgdp_experiments.options import refuse
@@ -153,7 +153,7 @@ def _run_map(args: argparse.Namespace) -> int:
     from gridnav.rgbd import CameraMount  # noqa: PLC0415 - loads NumPy
     from vgdp_bringup.mapping import MapOptions, run  # noqa: PLC0415
 
-    given = {name: value for name, value in vars(args).items() if name != 'run'}
+    given = _given(args)
     given['mount'] = args.mount and CameraMount(*args.mount)
     try:
         return run(MapOptions(**given))
@@ -176,62 +176,29 @@ def _run_info(_: argparse.Namespace) -> int:
 
 def _add_demo(groups: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     what = 'watch a robot find its way out of a maze'
-    parser = groups.add_parser(
-        'demo',
-        help=what,
-        description=f'vgdp demo: {what}. The nodes run as processes of their own.',
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
+    parser = _demo_parser(groups, 'demo', what)
     add = parser.add_argument
     add('--kind', default='maze', metavar='KIND', help='maze, loops, rooms, caves or obstacles')
     add('--size', type=int, default=15, metavar='N', help='side of the world in cells')
     add('--seed', type=int, default=3, metavar='N', help='seed of maze and planner')
     add('--view-range', type=int, default=2, metavar='N', help='cells seen to each side')
-    add('--rate', type=float, default=10.0, metavar='HZ', help='steps a second, 0 for no limit')
-    add('--max-steps', type=int, default=500, metavar='N', help='steps until the end')
-    add('--timeout', type=float, default=30.0, metavar='S', help='longest time without a step')
-    add(
-        '--out',
-        type=Path,
-        default=Path('out/demo'),
-        metavar='FOLDER',
-        help='where the bag, the logs and the pictures go',
-    )
+    _add_run_options(parser, rate=10.0, timeout=30.0, out=Path('out/demo'))
     parser.set_defaults(run=_run_demo)
 
 
 def _run_demo(args: argparse.Namespace) -> int:
     from vgdp_bringup.demo import DemoOptions, run  # noqa: PLC0415 - loads ROS and matplotlib
 
-    return run(
-        DemoOptions(
-            kind=args.kind,
-            size=args.size,
-            seed=args.seed,
-            view_range=args.view_range,
-            rate=args.rate,
-            max_steps=args.max_steps,
-            timeout=args.timeout,
-            out=args.out,
-        )
-    )
+    return run(DemoOptions(**_given(args)))
 
 
 def _add_home_demo(groups: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     what = 'watch a robot with a camera find a bottle in a home'
-    parser = groups.add_parser(
-        'demo-home',
-        help=what,
-        description=f'vgdp demo-home: {what}. The nodes run as processes of their own.',
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
+    parser = _demo_parser(groups, 'demo-home', what)
     add = parser.add_argument
     add('--seed', type=int, default=0, metavar='N', help='which home, which start')
     add('--scene', type=Path, metavar='FOLDER', help='scene to use instead of a synthetic home')
     add('--segmenter', default='geometric', metavar='NAME', help='geometric or learned')
-    add('--rate', type=float, default=0.0, metavar='HZ', help='steps a second, 0 for no limit')
-    add('--max-steps', type=int, default=500, metavar='N', help='steps until the end')
-    add('--timeout', type=float, default=60.0, metavar='S', help='longest time without a step')
     add('--images', action='store_true', help='record images and points, too')
     add(
         '--homes',
@@ -240,32 +207,47 @@ def _add_home_demo(groups: argparse._SubParsersAction[argparse.ArgumentParser]) 
         metavar='FOLDER',
         help='where the synthetic homes are, and are made',
     )
-    add(
-        '--out',
-        type=Path,
-        default=Path('out/demo-home'),
-        metavar='FOLDER',
-        help='where the bag, the logs and the pictures go',
-    )
+    _add_run_options(parser, rate=0.0, timeout=60.0, out=Path('out/demo-home'))
     parser.set_defaults(run=_run_home_demo)
 
 
 def _run_home_demo(args: argparse.Namespace) -> int:
     from vgdp_bringup.home_demo import HomeDemoOptions, run  # noqa: PLC0415 - loads ROS
 
-    return run(
-        HomeDemoOptions(
-            seed=args.seed,
-            scene=args.scene,
-            segmenter=args.segmenter,
-            rate=args.rate,
-            max_steps=args.max_steps,
-            timeout=args.timeout,
-            images=args.images,
-            homes=args.homes,
-            out=args.out,
-        )
+    return run(HomeDemoOptions(**_given(args)))
+
+
+def _demo_parser(
+    groups: argparse._SubParsersAction[argparse.ArgumentParser], name: str, what: str
+) -> argparse.ArgumentParser:
+    return groups.add_parser(
+        name,
+        help=what,
+        description=f'vgdp {name}: {what}. The nodes run as processes of their own.',
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
+
+
+def _add_run_options(
+    parser: argparse.ArgumentParser, *, rate: float, timeout: float, out: Path
+) -> None:
+    """Add what every demo can be told about its run, with its own defaults."""
+    add = parser.add_argument
+    add('--rate', type=float, default=rate, metavar='HZ', help='steps a second, 0 for no limit')
+    add('--max-steps', type=int, default=500, metavar='N', help='steps until the end')
+    add('--timeout', type=float, default=timeout, metavar='S', help='longest time without a step')
+    add(
+        '--out',
+        type=Path,
+        default=out,
+        metavar='FOLDER',
+        help='where the bag, the logs and the pictures go',
+    )
+
+
+def _given(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the options by name."""
+    return {name: value for name, value in vars(args).items() if name != 'run'}
 
 
 if __name__ == '__main__':

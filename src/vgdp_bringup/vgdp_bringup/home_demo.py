@@ -119,18 +119,23 @@ def run_stack(options: HomeDemoOptions, bag: Path, console: Console) -> None:
         nodes.start(
             'avd_player',
             python('avd_player.node'),
-            {
-                'source': scene,
-                'mode': 'closed_loop',
-                'width': IMAGE_WIDTH,
-                'seed': options.seed,
-                'rate': options.rate,
-                'max_steps': options.max_steps,
-            },
+            player_parameters(scene, options.seed, options.rate, options.max_steps),
         )
         with make_display(console) as display:
             follow(watcher, nodes, display, options.timeout)
         nodes.stop()
+
+
+def player_parameters(scene: Path, seed: int, rate: float, max_steps: int) -> dict[str, object]:
+    """Return the player's parameters for a search of a scene."""
+    return {
+        'source': str(scene),
+        'mode': 'closed_loop',
+        'width': IMAGE_WIDTH,
+        'seed': seed,
+        'rate': rate,
+        'max_steps': max_steps,
+    }
 
 
 def mapper_parameters(scene: Path, segmenter: str) -> dict[str, object]:
@@ -153,7 +158,7 @@ def mapper_parameters(scene: Path, segmenter: str) -> dict[str, object]:
         'free_below': config.free_below,
         'max_range': config.max_range,
         'views_per_step': VIEWS,
-        'reliable_images': 'true',
+        'reliable_images': True,
         'wait': WAIT_S,
         **{f'camera_{name}': float(value) for name, value in mount._asdict().items()},
     }

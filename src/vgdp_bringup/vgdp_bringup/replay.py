@@ -17,13 +17,15 @@ from rich.progress import track
 
 from bev_mapper import GridFusion, LocalMapFusion, Pose2D, Window
 from bev_mapper.grid_fusion import DEFAULT_GROWTH
-from gridnav.actions import DONE, STEPS
+from gridnav.actions import DONE
 from gridnav.rgbd import VIEW_SUFFIX
 from vgdp_bringup.bags import (
     LINE_STRIP,
     NANOSECONDS,
+    PLANNER,
     BagError,
     only_namespace,
+    parameters_of,
     read_bag,
     read_messages,
     stamp_of,
@@ -37,13 +39,30 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from gridnav.grid import GridGeometry
     from vgdp_bringup.bags import Episode, Grid, Messages
     from vgdp_planner.cycle import Decision, PlanningCycle
     from vgdp_planner.planner import Plan, ValueGuidedPlanner
     from vgdp_planner.planning_grid import PlanningGrid
 
 MAX_CELLS = 4096 * 4096
+MAPPER = 'bev_mapper'
+"""Name of the node that maps."""
+
+PLANNER_TOPICS = (
+    'odom',
+    'map',
+    'goal_pose',
+    'plan',
+    'plan_candidates',
+    'action',
+    '/diagnostics',
+)
+LOCKSTEP = 'lockstep'
+"""The planner's parameter pose_source of which plans can be made again."""
+
+SAME_PLACE_M = 1e-4
+"""Points of a path that are no further apart are the same."""
+
 SHOWN = 20
 """No more differences than this are printed."""
 
@@ -96,22 +115,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         '--growth',
         type=int,
-        default=DEFAULT_GROWTH,
         metavar='N',
-        help="the mapper's parameter growth, for --against map (default: %(default)s)",
+        help="the mapper's parameter growth, for --against map (default: as recorded)",
     )
     add(
         '--seed',
         type=int,
         metavar='N',
-        help="the planner's parameter seed, for --against plan (default: that of the first "
-        'episode, as the demo and the launch files have it)',
+        help="the planner's parameter seed, for --against plan (default: as recorded)",
     )
     add(
         '--weights',
         type=Path,
         metavar='FOLDER',
-        help='the weights of the planner, for --against plan (default: the shipped ones)',
+        help='the weights of the planner, for --against plan (default: as recorded)',
     )
 
 
@@ -157,19 +174,23 @@ def _progress(stamps: Sequence[int], what: str) -> Iterator[int]:
 # The mapper
 
 
-def replay_map(path: Path, namespace: str, growth: int = DEFAULT_GROWTH) -> Comparison:
+def replay_map(path: Path, namespace: str, growth: int | None = None) -> Comparison:
     """Make all maps of a bag again from its local maps and poses, and compare bit for bit.
 
     Args:
         path: Folder of the bag.
         namespace: Where the robot has its topics.
-        growth: Cells by which a side of the map grows at least.
+        growth: Cells by which a side of the map grows at least; as recorded if None, and the
+            default where that is not known.
 
     Raises:
         BagError: If the bag can't be read.
     """
     episodes = read_bag(path, namespace).episodes
-    messages = read_messages(path, namespace, ('odom', 'local_map', 'map'))
+    messages = read_messages(path, namespace, ('odom', 'local_map', 'map', '/diagnostics'))
+    if growth is None:
+        said = parameters_of(messages['/diagnostics'], f'{namespace.rstrip("/")}/{MAPPER}')
+        growth = said.get('growth', DEFAULT_GROWTH)
     # A new world's first map may have been made before its episode was known, and then again.
     recorded = {stamp_of(message): message for _, message in messages['map']}
     comparison = Comparison()
@@ -257,36 +278,38 @@ def replay_plan(
     Args:
         path: Folder of the bag.
         namespace: Where the robot has its topics.
-        seed: Of the planner; that of the first episode if None.
-        weights: Folder of the weights; the shipped ones if None.
+        seed: Of the planner; as recorded if None, and that of the first episode where that is not
+            known, as the demo and the launch files have it.
+        weights: Folder of the weights; as recorded if None, and the shipped ones where that is
+            not known.
 
     Raises:
-        BagError: If the bag can't be read, or says nothing of a seed.
+        BagError: If the bag can't be read, says nothing of a seed, or is of a robot that moves by
+            itself.
         WeightsError: If the weights can't be loaded.
     """
     # Here, as it takes seconds.
     import torch  # noqa: PLC0415
 
-    from vgdp_planner.cycle import PlanningCycle  # noqa: PLC0415
     from vgdp_planner.planner import ValueGuidedPlanner  # noqa: PLC0415
 
     episodes = read_bag(path, namespace).episodes
-    messages = read_messages(
-        path, namespace, ('odom', 'map', 'goal_pose', 'plan', 'plan_candidates', 'action')
-    )
+    messages = read_messages(path, namespace, PLANNER_TOPICS)
+    said = parameters_of(messages['/diagnostics'], f'{namespace.rstrip("/")}/{PLANNER}')
+    cycle = _cycle_of(said)
+    seed = said.get('seed') if seed is None else seed
     if seed is None:
         if not episodes[0].values.get('seed', '').isdecimal():
             msg = f'{path} does not say the seed of its first episode, give it by --seed.'
             raise BagError(msg)
         seed = int(episodes[0].values['seed'])
-    # As the node does by default: on more threads sums may be rounded otherwise.
-    torch.set_num_threads(1)
-    planner = ValueGuidedPlanner.from_pretrained(weights)
+    # As in the node: on more threads sums may be rounded otherwise.
+    torch.set_num_threads(said.get('threads', 1))
+    planner = ValueGuidedPlanner.from_pretrained(weights or said.get('weights') or None)
     recorded = _recorded_plans(messages)
     comparison = Comparison()
     actions = [(received, int(message.data)) for received, message in messages['action']]
     ends = [episode.steps[0].observed for episode in episodes[1:] if episode.steps]
-    cycle = PlanningCycle()
     for index, (begin, end) in enumerate(_spans(episodes)):
         planner.reset(seed)
         cycle.begin(begin)
@@ -301,6 +324,29 @@ def replay_plan(
                 begin, [f'action {where} of the episode is not the one that is planned now']
             )
     return comparison
+
+
+def _cycle_of(parameters: dict[str, Any]) -> PlanningCycle:
+    """Return what brings maps and poses together for a planner with these parameters."""
+    from vgdp_planner.cycle import (  # noqa: PLC0415 - loads what maps do without
+        BLOCKED_AFTER,
+        PlanningCycle,
+    )
+    from vgdp_planner.planning_grid import GridSettings  # noqa: PLC0415
+
+    source = parameters.get('pose_source', LOCKSTEP)
+    if source != LOCKSTEP:
+        msg = (
+            f'The plans are those of a robot that moves by itself (pose_source {source!r}); only '
+            f'those made in lockstep can be made again.'
+        )
+        raise BagError(msg)
+    settings = GridSettings.from_parameters(**parameters)
+    return PlanningCycle(
+        settings,
+        parameters.get('blocked_after', BLOCKED_AFTER),
+        parameters.get('closer_look', 0),
+    )
 
 
 def _recorded_plans(messages: Messages) -> dict[int, _Recorded]:
@@ -364,12 +410,12 @@ def _plan_again(
             if observation is None:
                 comparison.compare(stamp, ['a plan was made, but not on what was recorded'])
                 break
+            observation, plan = cycle.plan(planner, observation)
             grid = observation.grid
-            plan = planner.plan(grid.partial_map, grid.start)
             cycle.planned(observation, decision_of(plan, grid))
             sent += plan.committed
             candidates = said.candidates[number] if number < len(said.candidates) else None
-            differences = _compare_plans(points, candidates, plan, grid.geometry)
+            differences = _compare_plans(points, candidates, plan, grid)
             comparison.compare(stamp, differences)
     return sent
 
@@ -385,29 +431,34 @@ def _compare_plans(
     points: NDArray[np.float64],
     candidates: dict[int, str] | None,
     plan: Plan,
-    geometry: GridGeometry,
+    grid: PlanningGrid,
 ) -> list[str]:
     """Compare a recorded path, and the values of its candidates where there are some.
 
     Raises:
-        BagError: If the path was not planned on the cells of the map.
+        BagError: If the path was planned on other cells than this grid's.
     """
-    if len(points) > len(plan.actions) + 1:
+    from vgdp_planner.route import plan_blocks  # noqa: PLC0415 - loads what maps do without
+
+    if grid.ground is None and len(points) > len(plan.actions) + 1:
         msg = (
             'The recorded plans were made on a grid coarser than the map (robot_radius or '
-            'planning_resolution); only those on the cells of the map can be made again.'
+            'planning_resolution), and the bag does not say on which.'
         )
         raise BagError(msg)
     differences = []
     if (plan.status == 'ok') != bool(len(points)):
         differences.append(f'a path of {len(points)} poses is recorded, now it is {plan.status}')
     elif len(points):
-        cells = np.array([geometry.cell_at(x, y) for x, y in points.tolist()])
-        # The path ends before a step into something known; what follows can't be compared.
-        expected = STEPS[plan.actions[: len(cells) - 1].clip(max=len(STEPS) - 1)]
-        different = np.flatnonzero((np.diff(cells, axis=0) != expected).any(axis=1))
-        if len(different):
-            differences.append(f'step {different[0]} of the plan goes another way now')
+        blocks, moves = plan_blocks(grid, plan)
+        way = grid.way(blocks, via=moves)
+        both = min(len(points), len(way))
+        off = np.abs(points[:both] - way[:both]).max(axis=1) > SAME_PLACE_M
+        if off.any():
+            step = max(int(off.argmax()) - 1, 0)
+            differences.append(f'step {step} of the plan goes another way now')
+        elif len(points) != len(way):
+            differences.append(f'a path of {len(points)} poses is recorded, now it has {len(way)}')
     if candidates is not None:
         finite = np.flatnonzero(np.isfinite(plan.candidate_values))
         now = {int(index): f'{plan.candidate_values[index]:.2f}' for index in finite}

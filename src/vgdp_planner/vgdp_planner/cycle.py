@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from gridnav import GridGeometry
+    from vgdp_planner.planner import Plan, ValueGuidedPlanner
     from vgdp_planner.planning_grid import Cell, PlanningGrid, Point
 
 NEVER = -1
@@ -26,6 +27,9 @@ NEVER = -1
 REOPENINGS = 2
 """How often places that could not be stepped on are tried again in an episode, each time when
 nothing else is left."""
+
+BLOCKED_AFTER = 3
+"""A place that so many steps did not get to counts as an obstacle, unless said otherwise."""
 
 KEPT_STAMPS = 1000
 """No more stamps of poses are kept than this."""
@@ -89,7 +93,7 @@ class PlanningCycle:
     def __init__(
         self,
         settings: GridSettings | None = None,
-        blocked_after: int = 3,
+        blocked_after: int = BLOCKED_AFTER,
         closer_look: int = 0,
     ) -> None:
         self._settings = replace(settings or GridSettings(), keep_resolution=True)
@@ -206,6 +210,23 @@ class PlanningCycle:
             if grid.partial_map[FREE].sum() < observation.grid.partial_map[FREE].sum():
                 return replace(observation, grid=grid)
         return None
+
+    def plan(
+        self, planner: ValueGuidedPlanner, observation: Observation
+    ) -> tuple[Observation, Plan]:
+        """Plan on an observation; where that sees nowhere to go, on one that was reopened.
+
+        Returns:
+            What was planned on in the end, and the plan.
+        """
+        plan = planner.plan(observation.grid.partial_map, observation.grid.start)
+        while plan.status != 'ok':
+            again = self.reopened(observation)
+            if again is None:
+                break
+            observation = again
+            plan = planner.plan(again.grid.partial_map, again.grid.start)
+        return observation, plan
 
     def _grid_now(self) -> PlanningGrid:
         goal = None if self._goal is None else self._goal[1:]

@@ -24,7 +24,7 @@ from gridnav.ros.conversions import (
     to_occupancy_grid,
     to_path_of_points,
 )
-from gridnav.ros.episode import PLANNER_GAVE_UP, EpisodeStatus
+from gridnav.ros.episode import EpisodeStatus
 from gridnav.ros.node import BaseNode
 from gridnav.ros.parameters import parameter
 from gridnav.ros.paths import PathError, PathFailure, PathServer
@@ -38,7 +38,7 @@ from gridnav.ros.validation import (
     validate_odometry,
     validate_pose_stamped,
 )
-from vgdp_planner.cycle import Decision, Observation, PlanningCycle
+from vgdp_planner.cycle import BLOCKED_AFTER, Decision, Observation, PlanningCycle
 from vgdp_planner.free_cycle import FreeCycle
 from vgdp_planner.planning_grid import GoalState, GridSettings, OccupiedError, OutsideMapError
 from vgdp_planner.route import (
@@ -47,6 +47,7 @@ from vgdp_planner.route import (
     find_route,
     known_way,
     onward_way,
+    plan_blocks,
     seen_way,
 )
 
@@ -157,7 +158,7 @@ class PlannerParameters:
         read_only=True,
     )
     blocked_after: int = parameter(
-        3,
+        BLOCKED_AFTER,
         'In lockstep, a place that so many steps did not get to counts as an obstacle',
         unit='steps',
         low=1,
@@ -336,18 +337,15 @@ class PlannerNode(BaseNode[PlannerParameters]):
         began = time.perf_counter()
         if not observation.in_step:
             self._planner.reset(self.parameters.seed)
-        grid, belief = observation.grid, observation.belief
-        plan = self._planner.plan(grid.partial_map, grid.start if belief is None else belief)
-        while plan.status in PLANNER_GAVE_UP and isinstance(self._cycle, PlanningCycle):
-            again = self._cycle.reopened(observation)
-            if again is None:
-                break
-            observation, grid = again, again.grid
-            plan = self._planner.plan(grid.partial_map, grid.start)
+        if isinstance(self._cycle, PlanningCycle):
+            observation, plan = self._cycle.plan(self._planner, observation)
+        else:
+            grid, belief = observation.grid, observation.belief
+            plan = self._planner.plan(grid.partial_map, grid.start if belief is None else belief)
         self.diagnostics.latency(time.perf_counter() - began, 'plan')
         self._last_news = time.monotonic()
         self._publish_plan(observation, plan)
-        self._report(grid, plan)
+        self._report(observation.grid, plan)
 
     def _somebody_listens(self) -> bool:
         """Tell whether actions would arrive; after a while they are sent all the same.
@@ -376,8 +374,7 @@ class PlannerNode(BaseNode[PlannerParameters]):
         p = self.parameters
         stamp, grid = observation.stamp, observation.grid
         going = plan.status == 'ok'
-        blocks = known_way(grid.partial_map, grid.start, plan.actions.tolist() if going else [])
-        moves = min(sum(action != DONE for action in plan.committed), len(blocks) - 1)
+        blocks, moves = plan_blocks(grid, plan)
         if self.moves_by_itself:
             blocks = onward_way(seen_way(grid.partial_map, blocks), moves)
         way = grid.way(blocks, via=moves) if going else np.empty((0, 2))
@@ -498,12 +495,7 @@ class PlannerNode(BaseNode[PlannerParameters]):
 def make_cycle(parameters: PlannerParameters) -> PlanningCycle | FreeCycle:
     """Return what says when to plan, for the pose source of the parameters."""
     p = parameters
-    settings = GridSettings(
-        p.robot_radius,
-        p.planning_resolution,
-        p.max_planning_cells,
-        goal_tolerance=p.goal_tolerance,
-    )
+    settings = GridSettings.from_parameters(**vars(p))
     if p.pose_source == LOCKSTEP:
         return PlanningCycle(settings, p.blocked_after, p.closer_look)
     return FreeCycle(replace(settings, resolution=settings.resolution or FREE_RESOLUTION_M))

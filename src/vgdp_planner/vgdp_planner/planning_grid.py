@@ -94,6 +94,21 @@ class GridSettings:
     goal_tolerance: float = 0.0
     center: Point | None = None
 
+    @classmethod
+    def from_parameters(
+        cls,
+        *,
+        robot_radius: float = 0.0,
+        planning_resolution: float = 0.0,
+        max_planning_cells: int = 40_000,
+        goal_tolerance: float = 0.0,
+        **_: object,
+    ) -> GridSettings:
+        """Return what parameters of the node say, of which all others are passed over."""
+        return cls(
+            robot_radius, planning_resolution, max_planning_cells, goal_tolerance=goal_tolerance
+        )
+
 
 @dataclass(frozen=True)
 class Ground:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vgdp_planner.planner import ValueGuidedPlanner
+    from vgdp_planner.planner import Plan, ValueGuidedPlanner
     from vgdp_planner.planning_grid import Cell, PlanningGrid
 
 
@@ -44,6 +44,16 @@ def known_way(partial_map: NDArray[np.float32], cell: Cell, actions: Sequence[in
         row_step, col_step = STEPS[action].tolist()
         cells.append((row + row_step, col + col_step))
     return cells
+
+
+def plan_blocks(grid: PlanningGrid, plan: Plan) -> tuple[list[Cell], int]:
+    """Return the blocks that a plan goes through, and the index of that which is committed to.
+
+    Both are those of the robot where the planner gave up.
+    """
+    going = plan.status == 'ok'
+    blocks = known_way(grid.partial_map, grid.start, plan.actions.tolist() if going else [])
+    return blocks, min(sum(action != DONE for action in plan.committed), len(blocks) - 1)
 
 
 def seen_way(partial_map: NDArray[np.float32], cells: Sequence[Cell]) -> list[Cell]:

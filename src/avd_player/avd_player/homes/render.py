@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from avd_player.homes.lens import Lens
+from avd_player.distortion import Lens
 from avd_player.homes.light import GAMMA, bake
 from avd_player.homes.rays import NOTHING, Caster
 from avd_player.homes.textures import LEVELS, SIZE
@@ -85,15 +85,13 @@ class HomeRenderer:
 
     def set_camera(self, camera: Camera | Lens) -> None:
         """Draw with another camera from now on."""
-        lens = camera if isinstance(camera, Lens) else None
-        plain = lens.camera if lens else camera
-        if lens is not None:
-            self._directions = lens.directions()
+        if isinstance(camera, Lens):
+            self._directions = camera.directions()
         else:
-            u, v = np.meshgrid(np.arange(plain.width), np.arange(plain.height))  # type: ignore[union-attr]
-            x, y = (u - plain.cx) / plain.fx, (v - plain.cy) / plain.fy  # type: ignore[union-attr]
+            u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+            x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
             self._directions = np.stack([x, y, np.ones_like(x)], -1).astype(np.float32)
-        self._pixel = 1.0 / plain.fx  # type: ignore[union-attr]
+        self._pixel = 1.0 / camera.fx
 
     def render(self, camera_to_world: NDArray[np.float64]) -> Picture:
         """Draw what the camera sees.

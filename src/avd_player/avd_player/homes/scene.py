@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from avd_player.homes.lens import AVD_LENS
+from avd_player.avd_format import DEFAULT_LENS, TRANSLATIONS
 from avd_player.homes.noise import DepthNoise, add_noise
 from avd_player.homes.plan import POSITIONS, draw_home
 from avd_player.homes.render import HomeRenderer
@@ -26,6 +26,9 @@ HEADINGS = 12
 FULL_SIZE = (1920, 1080)
 """Width and height of AVD's own images; difficulties count pixels of theirs."""
 
+SCAN_LENS = DEFAULT_LENS._replace(cx=DEFAULT_LENS.cx + 0.5, cy=DEFAULT_LENS.cy + 0.5)
+"""The lens of AVD's Home_001_1, but for half a pixel at full size."""
+
 MIN_VISIBLE = 0.3
 """Share of a thing's side towards the camera that must be seen for a box."""
 
@@ -38,7 +41,6 @@ MIN_BOX = (40.0, 12.0)
 DIFFICULTIES = ((300, 100), (200, 75), (100, 50), (50, 30))
 """Longer and shorter sides from which on a box is of difficulty 1, 2, 3, 4; others are of 5."""
 
-MOVES = ('forward', 'backward', 'left', 'right')
 _BEARINGS = np.radians([0.0, 180.0, 90.0, -90.0])
 MOVE_BEARING = np.radians(30.0)
 """A move's way is so close to its nominal direction."""
@@ -118,7 +120,7 @@ class Scan:
         number: Of the home, from 1.
         settings: What the scan is like.
         home: The home.
-        lens: The camera.
+        lens: Of the camera.
         poses: What takes points of the optical frames into the home's, (N, 4, 4). Twelve images
             at each of the home's positions, in their order.
         to_home: What takes points of the scan's frame (metres, y down) to the home's, (4, 4).
@@ -134,7 +136,7 @@ class Scan:
         """
         self.seed, self.number, self.settings = seed, number, settings
         self.home: Home = draw_home([seed, number], positions=settings.positions)
-        self.lens = AVD_LENS.resized(settings.width, settings.height)
+        self.lens = SCAN_LENS.resized(settings.width, settings.height)
         rng = np.random.default_rng([seed, number, 1])
         self.poses = _poses(self.home, rng, settings.jitter)
         tilt = Rotation.from_euler(
@@ -202,7 +204,8 @@ class Scan:
         local = local[facing & (local[:, 2] > 0.1)]  # noqa: PLR2004
         if not len(local):
             return 0.0
-        u, v = np.round(self.lens.project(local)).astype(int).T
+        pixels = self.lens.project(local[:, :2] / local[:, 2:])
+        u, v = np.round(pixels - 0.5).astype(int).T
         inside = (u >= 0) & (u < self.settings.width) & (v >= 0) & (v < self.settings.height)
         seen = local[inside, 2] < picture.depth[v[inside], u[inside]] + SURFACE
         return float(seen.sum() / facing.sum())
@@ -234,7 +237,7 @@ class Scan:
         way = place[candidate] - place[:, None]
         distance = np.where(neighbour >= 0, np.hypot(way[..., 0], way[..., 1]), np.inf)
         bearing = np.arctan2(way[..., 1], way[..., 0]) - heading[:, None]
-        for name, nominal in zip(MOVES, _BEARINGS.tolist(), strict=True):
+        for name, nominal in zip(TRANSLATIONS, _BEARINGS.tolist(), strict=True):
             off = np.abs((bearing - nominal + np.pi) % (2 * np.pi) - np.pi)
             usable = np.where(off <= MOVE_BEARING + 1e-6, distance, np.inf)
             nearest = usable.argmin(1)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
+from avd_player.avd_format import COLOR_FOLDER, DEPTH_FOLDER, LABEL_FOLDER
 from avd_player.homes.noise import DepthNoise
 from avd_player.homes.plan import POSITIONS
 from avd_player.homes.scene import HEADINGS, Scan, SceneSettings
@@ -38,8 +39,6 @@ if TYPE_CHECKING:
 
 CHUNK = 6
 """A worker takes so many positions at a time."""
-
-FOLDERS = ('jpg_rgb', 'high_res_depth', 'labels')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -195,7 +194,7 @@ def _write_home(
             return
         for left in folder.iterdir():
             shutil.rmtree(left) if left.is_dir() else left.unlink()
-        for part in FOLDERS:
+        for part in (COLOR_FOLDER, DEPTH_FOLDER, LABEL_FOLDER):
             (folder / part).mkdir(parents=True)
         scan = _scan(seed, number, settings)
         count = len(scan.home.positions)

@@ -11,6 +11,17 @@ from PIL import Image
 from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
+from avd_player.avd_format import (
+    ANNOTATIONS,
+    CAMERAS,
+    COLOR_FOLDER,
+    DEPTH_FOLDER,
+    INSTANCE_MAP,
+    LABEL_FOLDER,
+    MOVES,
+    STRUCT_FIELDS,
+    STRUCTS,
+)
 from avd_player.homes.instances import BOTTLE_ID, INSTANCE_NAMES
 from avd_player.homes.scene import HEADINGS
 
@@ -25,26 +36,6 @@ RGB, DEPTH, LABELS = 1, 3, 4
 """Types of images in their names; AVD never gave out images of type 4."""
 
 JPEG_QUALITY = 92
-
-FIELDS = (
-    'image_name',
-    't',
-    'R',
-    'world_pos',
-    'direction',
-    'quat',
-    'scaled_world_pos',
-    'image_id',
-    'camera_id',
-    'cluster_id',
-    'rotate_cw',
-    'rotate_ccw',
-    'translate_forward',
-    'translate_backward',
-    'translate_right',
-    'translate_left',
-)
-"""What image_structs.mat says about each image, in AVD's order."""
 
 _HEADER = b'MATLAB 5.0 MAT-file, written by vgdp avd synth'
 
@@ -73,11 +64,11 @@ def image_stem(number: int, index: int, kind: int = RGB) -> str:
 
 def write_shot(folder: Path, number: int, index: int, shot: Shot) -> None:
     """Write the images of a pose into the folders of a scene, which must exist."""
-    rgb = folder / 'jpg_rgb' / f'{image_stem(number, index)}.jpg'
+    rgb = folder / COLOR_FOLDER / f'{image_stem(number, index)}.jpg'
     Image.fromarray(shot.rgb).save(rgb, quality=JPEG_QUALITY)
-    depth = folder / 'high_res_depth' / f'{image_stem(number, index, DEPTH)}.png'
+    depth = folder / DEPTH_FOLDER / f'{image_stem(number, index, DEPTH)}.png'
     Image.fromarray(shot.depth).save(depth, compress_level=1)
-    labels = folder / 'labels' / f'{image_stem(number, index, LABELS)}.png'
+    labels = folder / LABEL_FOLDER / f'{image_stem(number, index, LABELS)}.png'
     Image.fromarray(shot.labels).save(labels, compress_level=1)
 
 
@@ -93,15 +84,12 @@ def write_scene(folder: Path, scan: Scan, boxes: list[list[Box]]) -> None:
     links = scan.links()
     _write_annotations(folder, names, links, boxes)
     _write_structs(folder, scan, names, links)
-    camera = scan.lens.camera
-    # COLMAP has the middle of the first pixel at (0.5, 0.5).
-    center = camera.cx + 0.5, camera.cy + 0.5
-    numbers = camera.fx, camera.fy, *center, *scan.lens.distortion
-    (folder / 'cameras.txt').write_text(
+    width, height, *numbers = scan.lens
+    (folder / CAMERAS).write_text(
         '# Camera list with one line of data per camera:\n'
         '#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n'
         '# Number of cameras: 1\n'
-        f'1 OPENCV_FISHEYE {camera.width} {camera.height} '
+        f'1 OPENCV_FISHEYE {width} {height} '
         f'{" ".join(f"{value:.9g}" for value in numbers)}\n'
     )
     counts = np.bincount([thing.number for thing in scan.home.things])
@@ -117,21 +105,20 @@ def write_scene(folder: Path, scan: Scan, boxes: list[list[Box]]) -> None:
 def write_instance_map(folder: Path) -> None:
     """Write the numbers of all instances, which the scenes of a folder share."""
     lines = [f'{name} {number}\n' for number, name in enumerate(INSTANCE_NAMES)]
-    (folder / 'instance_id_map.txt').write_text(''.join(lines))
+    (folder / INSTANCE_MAP).write_text(''.join(lines))
 
 
 def _write_annotations(
     folder: Path, names: list[str], links: dict[str, NDArray[np.int64]], boxes: list[list[Box]]
 ) -> None:
-    order = ('rotate_ccw', 'rotate_cw', 'forward', 'backward', 'left', 'right')
     entries = {}
     for index, name in enumerate(names):
         entry: dict[str, Any] = {'bounding_boxes': [list(box) for box in boxes[index]]}
-        for move in order:
+        for move in MOVES:
             target = int(links[move][index])
             entry[move] = names[target] if target >= 0 else ''
         entries[name] = entry
-    (folder / 'annotations.json').write_text(json.dumps(entries, indent=1))
+    (folder / ANNOTATIONS).write_text(json.dumps(entries, indent=1))
 
 
 def _write_structs(
@@ -139,7 +126,7 @@ def _write_structs(
 ) -> None:
     poses = scan.scan_poses()
     units = 1000.0 / scan.scale
-    structs = np.empty((1, len(names)), dtype=[(name, object) for name in FIELDS])
+    structs = np.empty((1, len(names)), dtype=[(name, object) for name in STRUCT_FIELDS])
     column, empty = (3, 1), np.zeros((0, 0))
 
     def target(move: str, index: int) -> str | float:
@@ -185,7 +172,7 @@ def _write_structs(
     content = bytearray(buffer.getvalue())
     # The text at the beginning has the time of day in it.
     content[:116] = _HEADER.ljust(116)
-    (folder / 'image_structs.mat').write_bytes(content)
+    (folder / STRUCTS).write_bytes(content)
 
 
 def _turned_heading(poses: NDArray[np.float64], index: int, other: int) -> NDArray[np.float64]:

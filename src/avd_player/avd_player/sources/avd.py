@@ -46,6 +46,9 @@ IMAGE_PERIOD_NS = 100_000_000
 FLOOR_IMAGES = 12
 """The floor is fitted to the depth of this many images."""
 
+BELOW_CAMERA_M = 0.3
+"""The floor is further below each camera than this; what is higher is not looked at for it."""
+
 MAX_GRAVITY_ERROR = 0.03
 """In radians: where floor and poses differ by more on what is level, the floor is right."""
 
@@ -242,7 +245,7 @@ class AvdSource:
         """Fit the floor to some depth images, spread over the scene."""
         names = self._names
         chosen = np.linspace(0, len(names) - 1, min(FLOOR_IMAGES, len(names))).astype(int)
-        clouds = []
+        clouds, lows = [], []
         for name in (names[index] for index in chosen):
             try:
                 depth = self.read_raw_depth(name) / np.float32(1000)
@@ -251,11 +254,14 @@ class AvdSource:
             matrix = self._camera_to_world(self._structs[name])
             pixels, z = sample_depth(depth)
             rays = np.column_stack((self.lens.unproject(pixels + 0.5), np.ones_like(z)))
-            clouds.append((rays * z[:, None]) @ matrix[:3, :3].T + matrix[:3, 3])
+            seen = (rays * z[:, None]) @ matrix[:3, :3].T
+            clouds.append(seen + matrix[:3, 3])
+            lows.append(clouds[-1][seen @ self._down > BELOW_CAMERA_M])
         points = np.vstack(clouds) if clouds else np.empty((0, 3))
-        floor = fit_floor(points, self._down)
+        low = np.vstack(lows) if lows else points
+        floor = fit_floor(low, self._down)
         if floor is not None and -(floor.up @ self._down) > math.cos(MAX_GRAVITY_ERROR):
-            return levelled(floor, points, self._down)
+            return levelled(floor, low, self._down)
         if floor is None:
             if len(points):
                 floor = lowest_floor(points, self._down)

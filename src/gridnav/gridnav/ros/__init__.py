@@ -4,7 +4,8 @@
 (images, cameras, poses in space), ``validation`` (refuse what a node can't use), ``episode`` (the
 episode topic), ``parameters`` (one table of parameters per node), ``diagnostics`` (once a second),
 ``tf`` (where it can be imported), ``poses`` (where the robot is, from TF, odometry or AMCL),
-``paths`` (on request), ``node`` (the base class) and ``run`` (start and end of a process).
+``paths`` (on request), ``lockstep`` (worlds that take one action at a time), ``node`` (the base
+class) and ``run`` (start and end of a process).
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections import Counter, deque
 from typing import TYPE_CHECKING
@@ -18,6 +19,9 @@ PERIOD_S = 1.0
 LATENCIES_KEPT = 256
 """The percentiles are those of this many last measurements."""
 
+PARAMETERS = 'parameters'
+"""Key of the node's parameters, as JSON: whoever records the diagnostics has them, too."""
+
 
 class Diagnostics:
     """Counters, ages and latencies of one node, published once a second.
@@ -26,9 +30,15 @@ class Diagnostics:
     carries the full name of the node.
     """
 
-    def __init__(self, node: Node) -> None:
-        """Start publishing for a node."""
+    def __init__(self, node: Node, parameters: object = None) -> None:
+        """Start publishing for a node.
+
+        Args:
+            node: The node.
+            parameters: What holds its parameters (``gridnav.ros.parameters``); None for none.
+        """
         self._node = node
+        self._parameters = parameters
         self._level: bytes = DiagnosticStatus.OK
         self._message = 'running'
         self._counts: Counter[str] = Counter()
@@ -77,6 +87,8 @@ class Diagnostics:
             values[f'{name}: p50 (ms)'] = f'{1000 * median:.3f}'
             values[f'{name}: p95 (ms)'] = f'{1000 * p95:.3f}'
         values.update({key: str(count) for key, count in self._counts.items()})
+        if self._parameters is not None:
+            values[PARAMETERS] = json.dumps(vars(self._parameters))
         return DiagnosticStatus(
             level=self._level,
             name=self._node.get_fully_qualified_name(),

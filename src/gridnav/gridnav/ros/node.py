@@ -49,7 +49,7 @@ class BaseNode(Node, Generic[P]):
         super().__init__(name)
         self._warned: dict[str, float] = {}
         self.parameters = declare_parameters(self, table)
-        self.diagnostics = Diagnostics(self)
+        self.diagnostics = Diagnostics(self, self.parameters)
 
     def subscribe(
         self,

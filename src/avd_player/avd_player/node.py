@@ -460,23 +460,23 @@ class AvdPlayerNode(BaseNode[AvdPlayerParameters]):
     def _publish_step(self) -> None:
         """Publish a new step: the images, the goal if it was seen, and then the poses.
 
-        The last view is the one where the robot looks; its pose comes last of all and carries
-        the stamp of the step, which is later than those of the other views by nanoseconds.
+        The last view is the one where the robot looks, if it can be read; its pose comes last of
+        all and carries the stamp of the step, which is later than those of the other views by
+        nanoseconds.
         """
         simulation, base = self._simulation, self.parameters.base_frame
         self._say_time()
-        names = simulation.looked_at
+        frames = [(name, self._read(name)) for name in simulation.looked_at]
+        # A step ends with its pose, even where no image can be read.
+        frames = [(name, frame) for name, frame in frames if frame is not None] or frames[-1:]
         first = self._stamp
-        self._stamp = first + len(names) - 1
+        self._stamp = first + len(frames) - 1
         self._observation = []
-        for stamp, name in enumerate(names, start=first):
-            is_last = stamp == self._stamp
-            frame = self._read(name)
-            # A step ends with its pose, even where the image of it can't be read.
-            if frame is not None or is_last:
-                view = self._view(name, frame, stamp, base if is_last else base + VIEW_SUFFIX)
-                self._publish_images(view)
-                self._observation.append(view)
+        for stamp, (name, frame) in enumerate(frames, start=first):
+            child = base if stamp == self._stamp else base + VIEW_SUFFIX
+            view = self._view(name, frame, stamp, child)
+            self._publish_images(view)
+            self._observation.append(view)
         if simulation.goal is not None:
             self._publish_goal(np.array(simulation.goal))
         self._publish_poses()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from gridnav import DONE, STEPS, valid_moves
+from gridnav import DONE, FREE, STEPS, valid_moves
 from maze_sim import MazeSimulation, make_mazes
 from vgdp_experiments.suites.localisation import localise
 from vgdp_experiments.tracking import BeliefTracker
@@ -75,6 +75,15 @@ def test_reported_cells_are_as_likely_as_the_tracker_thinks(belief_filter: Belie
     reported, counts = np.unique(simulation.reported_cells[:, 0], return_counts=True)
     share = tracker._share(15, reported[:, None])[:, start[0]]
     np.testing.assert_allclose(counts / len(mazes), share, atol=0.03)
+
+
+def test_robots_begin_on_cells_that_they_see(belief_filter: BeliefFilter) -> None:
+    """However bad the poses, the first belief holds the true cell and nothing but free cells."""
+    simulation = MazeSimulation(make_mazes(COUNT, 15, seed=0), 2, 500, pose_noise=2.0)
+    tracker = BeliefTracker(belief_filter, 0.0, 2.0)
+    tracker.begin(simulation.partial_maps, simulation.reported_cells)
+    assert (tracker.beliefs[simulation.partial_maps[:, FREE] == 0] == 0).all()
+    assert (tracker.beliefs[np.arange(COUNT), *simulation.cells.T] > 0).all()
 
 
 def test_done_moves_no_belief(belief_filter: BeliefFilter) -> None:

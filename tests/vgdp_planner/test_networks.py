@@ -72,6 +72,24 @@ def test_belief_encoder_is_linear_up_to_the_last_layer() -> None:
     torch.testing.assert_close(encoder(maps, (here + there) / 2), mean)
 
 
+@torch.no_grad()
+def test_what_is_far_away_costs_nothing() -> None:
+    """The encoder says the same whether it reads all of large maps or what is near the robots."""
+    torch.manual_seed(0)
+    encoder = BeliefMapEncoder((8, 8, 8), 16)
+    maps = torch.rand(3, 3, 93, 130)
+    beliefs = torch.zeros(3, 93, 130)
+    beliefs[0, 0, 129], beliefs[1, 46, 63], beliefs[2, 50:53, 67] = 1, 1, 1 / 3
+    sizes = []
+    encoder.trunk.register_forward_pre_hook(lambda _trunk, inputs: sizes.append(inputs[0].shape))
+    near = encoder(maps, beliefs)
+    # A robot that may be anywhere makes all windows as large as the map.
+    everywhere = torch.full((1, 93, 130), 1 / (93 * 130))
+    whole = encoder(torch.cat([maps, maps[:1]]), torch.cat([beliefs, everywhere]))
+    assert [size[-2:] for size in sizes] == [(72, 68), (96, 132)]
+    torch.testing.assert_close(near, whole[:3])
+
+
 def test_sampling_is_repeatable_and_batch_free() -> None:
     """The same noise gives the same plans, alone or in a batch."""
     torch.manual_seed(0)

@@ -224,6 +224,34 @@ def test_memory_is_kept_between_decisions(planner: ValueGuidedPlanner) -> None:
     assert np.array_equal(third.candidates[:samples], first.candidates[:samples])
 
 
+def test_an_unchanged_map_is_not_read_again(
+    planner: ValueGuidedPlanner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The network says what the unseen is worth once for each map, and again once more is seen."""
+    read: list[int] = []
+    worth_of_unseen = planner.value_network.worth_of_unseen
+
+    def count(maps: torch.Tensor) -> torch.Tensor:
+        read.append(len(maps))
+        return worth_of_unseen(maps)
+
+    monkeypatch.setattr(planner.value_network, 'worth_of_unseen', count)
+    simulation = MazeSimulation(make_mazes(2, 15, 5))
+    planner.reset()
+    first = planner.plan_batch(simulation.partial_maps, simulation.cells)
+    again = planner.plan_batch(simulation.partial_maps, simulation.cells)
+    for before, after in zip(first, again, strict=True):
+        assert np.array_equal(before.value_map, after.value_map, equal_nan=True)
+    more = simulation.partial_maps.copy()
+    row, col = np.argwhere(more[1, OBSTACLE] + more[1, FREE] == 0)[0]
+    more[1, FREE, row, col] = 1
+    planner.plan_batch(more, simulation.cells)
+    assert read == [2, 1]
+    planner.reset()
+    planner.plan_batch(more[1:], simulation.cells[1:], [1])
+    assert read == [2, 1, 1]
+
+
 def test_paper_preset_plans() -> None:
     """The paper's variant runs as it stands in the paper: DDPM, equation 9, K rounds."""
     torch.manual_seed(0)

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from scipy.special import ndtr
 
-from gridnav import DONE, NUM_MOVES, OBSTACLE, valid_moves
+from gridnav import DONE, FREE, NUM_MOVES, OBSTACLE, valid_moves
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,14 +41,13 @@ class BeliefTracker:
         self.beliefs = np.zeros((0, 0, 0), dtype=np.float32)
 
     def begin(self, partial_maps: NDArray[np.float32], reported: NDArray[np.int64]) -> None:
-        """Begin with the reported poses alone.
+        """Begin with the reported poses, and with each robot on a cell that it has seen is free.
 
         Args:
             partial_maps: (B, 3, H, W).
             reported: Cells (row, col), (B, 2).
         """
-        standable = 1 - torch.from_numpy(partial_maps[:, OBSTACLE])
-        self.beliefs = self._measured(standable, reported).numpy()
+        self.beliefs = self._measured(torch.from_numpy(partial_maps[:, FREE]), reported).numpy()
 
     @torch.no_grad()
     def follow(

@@ -8,6 +8,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from vgdp_planner.windows import cut, extent
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -55,6 +57,10 @@ class MapTrunk(nn.Module):
     """
 
     STRIDE = 4
+
+    REACH = 32
+    """The features in a square of `STRIDE` cells a side, and next to it, depend on nothing that is
+    farther from it than this. It is a multiple of `STRIDE`."""
 
     def __init__(self, inputs: int, channels: Sequence[int]) -> None:
         super().__init__()
@@ -140,6 +146,8 @@ class BeliefMapEncoder(nn.Module):
     def forward(self, partial_maps: Tensor, beliefs: Tensor) -> Tensor:
         """Encode partial maps (B, 3, H, W) and beliefs (B, H, W) as (B, embedding)."""
         maps = torch.cat([with_inside(partial_maps), beliefs[:, None]], dim=1)
+        maps = _what_matters(maps, beliefs)
+        beliefs = maps[:, -1]
         features = self.trunk(maps)
         # Indexing a convolution's output is indexing its inputs, moved by each of the kernel's
         # offsets: no need to convolve where the robot can't be.
@@ -148,3 +156,24 @@ class BeliefMapEncoder(nn.Module):
         indexed = functional.linear(inputs, self.project.weight.flatten(1), self.project.bias)
         embedding: Tensor = self.fully_connected(indexed)
         return embedding
+
+
+def _what_matters(maps: Tensor, beliefs: Tensor) -> Tensor:
+    """Cut maps (B, C, H, W) to what plays a part in the features next to where the robots may be.
+
+    The windows begin where coarse cells of the trunk do, so the features are those of the whole
+    map, and on a large map they cost no more than on a small one.
+    """
+    stride = MapTrunk.STRIDE
+    height, width = maps.shape[-2:]
+    maps = functional.pad(maps, (0, -width % stride, 0, -height % stride))
+    top, rows = _squares_around(beliefs.amax(dim=2))
+    left, cols = _squares_around(beliefs.amax(dim=1))
+    return cut(maps, stride * top, stride * left, stride * rows, stride * cols)
+
+
+def _squares_around(beliefs: Tensor) -> tuple[Tensor, int]:
+    """Return where the squares within reach of beliefs (B, N) begin (B,), and their number."""
+    reach = MapTrunk.REACH // MapTrunk.STRIDE
+    squares = functional.max_pool1d(beliefs, MapTrunk.STRIDE, ceil_mode=True)
+    return extent(functional.max_pool1d(squares, 2 * reach + 1, 1, reach) > 0)

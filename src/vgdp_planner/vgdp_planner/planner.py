@@ -89,11 +89,15 @@ class _Episode:
         decisions: Made so far.
         memory: The rest of the last best plan.
         lookout: Knows how far the robot sees.
+        partial_map: That of the last decision, (3, H, W); empty before the first.
+        worth: Of what was unseen on it, (H, W).
     """
 
     decisions: int = 0
     memory: list[int] = field(default_factory=list)
     lookout: Lookout = field(default_factory=Lookout)
+    partial_map: NDArray[np.float32] = field(default_factory=lambda: np.empty(0, np.float32))
+    worth: Tensor = field(default_factory=lambda: torch.empty(0))
 
 
 @dataclass(frozen=True)
@@ -269,7 +273,7 @@ class ValueGuidedPlanner:
         map_tensor = torch.from_numpy(maps).to(self.device)
         belief_tensor = torch.from_numpy(beliefs).to(self.device)
         watch.lap('rest')
-        values = self.value_network(map_tensor)
+        values = self.value_network(map_tensor, self._worth(map_tensor, robots))
         watch.lap('value')
         around = Surroundings.cut_out(values, belief_tensor, self.config.policy.horizon)
         watch.lap('scoring')
@@ -300,6 +304,26 @@ class ValueGuidedPlanner:
             episode.lookout.look(partial_map, robot.cell)
             robots.append(robot)
         return robots
+
+    def _worth(self, maps: Tensor, robots: Sequence[_Robot]) -> Tensor | None:
+        """Return the worth of the unseen, (B, H, W); None if the value function has none.
+
+        That is most of the work on large maps, and it depends on the map alone: the network is
+        asked only where the map is not the one of the last decision.
+        """
+        if self.config.value.unseen != 'boundary':
+            return None
+        new = [
+            row
+            for row, robot in enumerate(robots)
+            if not np.array_equal(robot.partial_map, robot.episode.partial_map)
+        ]
+        if new:
+            for row, worth in zip(new, self.value_network.worth_of_unseen(maps[new]), strict=True):
+                # Copies, lest one row keep the whole batch in memory.
+                robots[row].episode.partial_map = robots[row].partial_map.copy()
+                robots[row].episode.worth = worth.clone()
+        return torch.stack([robot.episode.worth for robot in robots])
 
     def _sample(
         self, maps: Tensor, beliefs: Tensor, around: Surroundings, names: Sequence[int]

@@ -10,6 +10,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from gridnav import DONE, NUM_MOVES
+from vgdp_planner.windows import cut, extent
 
 if TYPE_CHECKING:
     from vgdp_planner.belief import BeliefFilter
@@ -46,23 +47,19 @@ class Surroundings:
     @classmethod
     def cut_out(cls, values: Values, beliefs: Tensor, reach: int) -> Surroundings:
         """Cut windows of one size out of the values, around the beliefs (B, H, W)."""
-        top, height = _extent(beliefs.amax(dim=2) > 0)
-        left, width = _extent(beliefs.amax(dim=1) > 0)
-        owner = torch.arange(len(beliefs), device=beliefs.device)[:, None, None]
+        top, height = extent(beliefs.amax(dim=2) > 0)
+        left, width = extent(beliefs.amax(dim=1) > 0)
 
-        def cut(field: Tensor, margin: int) -> Tensor:
+        def around(field: Tensor, margin: int) -> Tensor:
             padded = functional.pad(field, (margin,) * 4)
-            rows = top[:, None] + torch.arange(height + 2 * margin, device=top.device)
-            cols = left[:, None] + torch.arange(width + 2 * margin, device=left.device)
-            windows = padded.movedim(1, -1)[owner, rows[:, :, None], cols[:, None, :]]
-            return windows.movedim(-1, 1).contiguous()
+            return cut(padded, top, left, height + 2 * margin, width + 2 * margin)
 
         return cls(
-            cut(beliefs[:, None], 0)[:, 0],
-            cut(values.values[:, None], reach),
-            cut(values.q_values, reach),
-            cut(values.step_rewards, reach),
-            cut(values.mask, reach),
+            around(beliefs[:, None], 0)[:, 0],
+            around(values.values[:, None], reach),
+            around(values.q_values, reach),
+            around(values.step_rewards, reach),
+            around(values.mask, reach),
             reach,
         )
 
@@ -92,15 +89,6 @@ class Surroundings:
         grown = functional.pad(beliefs, (1, 1, 1, 1))
         # The filter looks at the channel of the action alone.
         return belief_filter.predict(grown, actions, valid[:, None].expand(-1, NUM_MOVES, -1, -1))
-
-
-def _extent(occupied: Tensor) -> tuple[Tensor, int]:
-    """Return where the occupied cells (B, N) begin (B,) and how many hold those of each row."""
-    cells = occupied.shape[1]
-    first = occupied.int().argmax(dim=1)
-    last = cells - 1 - occupied.flip(1).int().argmax(dim=1)
-    size = int((last - first).max()) + 1
-    return first.clamp_max(cells - size), size
 
 
 def score_plans(

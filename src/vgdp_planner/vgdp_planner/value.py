@@ -176,17 +176,17 @@ class ValueNetwork(nn.Module):
             total = total + (back.transpose(-1, -2) if swapped else back)
         return total / (2 * len(FLIPS))
 
-    def forward(self, partial_maps: Tensor, extra_worth: Tensor | None = None) -> Values:
+    def forward(self, partial_maps: Tensor, worth: Tensor | None = None) -> Values:
         """Run value iteration.
 
         Args:
             partial_maps: (B, 3, H, W).
-            extra_worth: Added to the worth of what is unseen ('boundary'), (B, H, W).
+            worth: What `worth_of_unseen` says to these maps, (B, H, W), where it was asked
+                already ('boundary').
         """
         if self.config.unseen == 'boundary':
-            worth = self.worth_of_unseen(partial_maps)
-            if extra_worth is not None:
-                worth = worth + extra_worth
+            if worth is None:
+                worth = self.worth_of_unseen(partial_maps)
             return self._iterate_to_boundary(partial_maps, worth)
         return self._iterate_everywhere(partial_maps)
 

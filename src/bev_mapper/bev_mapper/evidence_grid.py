@@ -272,11 +272,7 @@ class EvidenceGrid:
         row, col = geometry.cell_at(*robot)
         offsets = range(-reach, reach + 1)
         places = np.array(
-            [
-                geometry.center_of(row + down, col + right)
-                for down in offsets
-                for right in offsets
-            ]
+            [geometry.center_of(row + down, col + right) for down in offsets for right in offsets]
         )
         near = np.hypot(*(places - robot).T) <= self._footprint
         near[len(near) // 2] = True

@@ -23,10 +23,11 @@ from vgdp_bringup.watcher import RunWatcher
 from vgdp_experiments.search.loop import (
     BLOCKED_AFTER,
     GOAL_TOLERANCE_M,
+    IMAGE_WIDTH,
     ROBOT_RADIUS_M,
     STEP_M,
-    mapper_config,
 )
+from vgdp_experiments.search.mapping import mapper_config
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -36,8 +37,6 @@ VIEWS = 12
 
 WAIT_S = 30.0
 """The robot stands still meanwhile, so no view need be left out."""
-
-IMAGE_WIDTH = 480
 
 HOMES_SEED = 1
 """Of the homes; the seed of the demo says which of them."""
@@ -151,6 +150,7 @@ def mapper_parameters(scene: Path, segmenter: str) -> dict[str, object]:
         'growth': config.growth,
         'free_below': config.free_below,
         'max_range': config.max_range,
+        'fit_floor': str(config.fit_floor).lower(),
         'views_per_step': VIEWS,
         'reliable_images': 'true',
         'wait': WAIT_S,

@@ -148,6 +148,10 @@ class PlanningCycle:
         if stamp >= self.start:
             self._goal = (stamp, x, y)
 
+    def forget_goal(self) -> None:
+        """Take back where the goal is: it was a mistake."""
+        self._goal = None
+
     def observation(self, *, overdue: bool = False) -> Observation | None:
         """Return what to plan on, or None if it is not time yet.
 

@@ -137,7 +137,8 @@ class DetectorFinder:
         frame = self._sensors.frame(name)
         if frame is None:
             return []
-        camera, matrix, depth = frame.camera, frame.camera_to_map(), np.asarray(frame.depth)
+        camera, matrix = frame.camera, frame.camera_to_map()
+        depth = np.asarray(frame.depth, np.uint16)
 
         def unproject(place: NDArray[np.float64]) -> NDArray[np.float64]:
             slopes: NDArray[np.float64] = (place - 0.5 - camera[4:]) / camera[2:4]

@@ -110,7 +110,8 @@ class Sensors:
         if not (noise.depth or noise.missing):
             return frame
         rng = self.rng(_DEPTH, index_of(name))
-        depth = add_noise(frame.depth, DepthNoise(sigma=noise.depth), rng)
+        measured = np.asarray(frame.depth, np.uint16)
+        depth = add_noise(measured, DepthNoise(sigma=noise.depth), rng)
         depth[rng.random(depth.shape, np.float32) < noise.missing] = 0
         return replace(frame, depth=depth)
 

@@ -128,13 +128,13 @@ CURVES: dict[str, tuple[str, dict[float, Noise]]] = {
 """What is wrong, how it is called, and its amounts. A heading is off by 1° for 25 mm."""
 
 EXPLANATION = f"""\
-A search succeeds with Done within 1 m of the bottle, or at the position that is nearest to it, once
-the bottle was in sight; it has 500 actions. SPL weighs success by the length of the way over that
-of the shortest one on which the bottle is seen. ± is the standard deviation over the trials. 95 %
-intervals of success are Wilson's; those of SPL and of its ratio to nearest-frontier exploration
-come from {RESAMPLES} bootstrap resamples of the searches, the same for both methods of a ratio.
-They say nothing of how homes differ. All methods search the same scenes from the same starts.
-`clairvoyant` knows the scene and walks the shortest way."""
+A search succeeds with Done within 1 m of the bottle, or at the position that is nearest to it,
+once the bottle was in sight; it has 500 actions. SPL weighs success by the length of the way over
+that of the shortest one on which the bottle is seen. ± is the standard deviation over the trials.
+95 % intervals of success are Wilson's; those of SPL and of its ratio to nearest-frontier
+exploration come from {RESAMPLES} bootstrap resamples of the searches, the same for both methods of
+a ratio. They say nothing of how homes differ. All methods search the same scenes from the same
+starts. `clairvoyant` knows the scene and walks the shortest way."""
 
 TEXT = """\
 # {title}

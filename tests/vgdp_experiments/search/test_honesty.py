@@ -91,7 +91,7 @@ def test_images_are_read_where_the_robot_was(
             return super().frame(name)
 
     sensors = Recorded(scene)
-    simulation = ActiveVisionSimulation(scene, rules)
+    simulation = ActiveVisionSimulation(scene, replace(rules, max_steps=6))
     visited: set[int] = set()
 
     class Looking(Watched):

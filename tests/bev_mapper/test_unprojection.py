@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bev_mapper.room import render
-from bev_mapper.unprojection import depth_in_metres, thin, unproject
+from bev_mapper.room import render, walk
+from bev_mapper.unprojection import depth_in_metres, depth_noise, smooth, thin, unproject
 from gridnav.rgbd import Camera, CameraMount, Pose3D, RgbdFrame
 
 CAMERA = Camera(64, 48, 60.0, 57.0, 30.25, 24.5)
@@ -72,3 +72,30 @@ def test_a_small_frame_is_left_alone() -> None:
     frame = frame_of(np.ones((48, 64), dtype=np.float32))
     assert thin(frame, 48 * 64) is frame
     assert thin(replace(frame, labels=None), 100).labels is None
+
+
+@pytest.mark.parametrize('sigma', [0.001, 0.01, 0.03, 0.1])
+def test_noise_is_measured_and_smoothed(sigma: float) -> None:
+    """To a tenth of its size; what is left of much noise is a quarter at most."""
+    camera = Camera(320, 240, 250.0, 250.0, 160.0, 120.0)
+    true = depth_in_metres(render(camera, walk(3, 12)).depth)
+    assert depth_noise(true) < 0.001
+    rng = np.random.default_rng(0)
+    noisy = true + np.float32(sigma) * rng.standard_normal(true.shape, np.float32)
+    noisy[rng.random(true.shape) < 0.02] = 0.0
+    noise = depth_noise(noisy)
+    assert noise == pytest.approx(sigma, rel=0.1)
+    found = smooth(noisy, noise)
+    measured = noisy > 0
+    assert not found[~measured].any()
+    left = np.median(np.abs(found - true)[measured & (true > 0)]) * 1.4826
+    assert left < {0.001: 0.0011, 0.01: 0.005}.get(sigma, 0.25 * sigma)
+
+
+def test_smoothing_keeps_edges_and_quiet_images() -> None:
+    """No pixel lands between what is near and what is far."""
+    depth = np.full((48, 64), 3.0, dtype=np.float32)
+    depth[10:40, 20:50] = 1.0
+    assert smooth(depth, 0.001) is depth
+    assert set(np.unique(smooth(depth, 0.1))) == {1.0, 3.0}
+    assert depth_noise(np.zeros((48, 64), dtype=np.float32)) == 0.0

@@ -192,3 +192,35 @@ def test_a_place_that_cannot_be_stepped_on_is_an_obstacle(settings: GridSettings
         observation = again
         assert observation.grid.partial_map[(OBSTACLE, *ahead(observation))] == 1
     assert cycle.reopened(observation) is None
+
+
+def test_what_was_seen_from_afar_is_looked_at_again() -> None:
+    """From nearer and nearer, until the goal is known or nothing is left to come nearer to."""
+    cycle = PlanningCycle(closer_look=2)
+    corridor, geometry = np.zeros((1, 9), dtype=np.int8), GridGeometry(1, 9, 0.5)
+
+    def at(stamp: int, x: float) -> Observation:
+        cycle.add_pose(stamp, x, 0.25)
+        cycle.add_map(stamp, corridor, geometry)
+        observation = cycle.observation()
+        assert observation is not None
+        return observation
+
+    def free(observation: Observation) -> list[int]:
+        return np.flatnonzero(observation.grid.partial_map[FREE]).tolist()
+
+    observation = at(10, 0.25)
+    assert free(observation) == list(range(9))
+    again = cycle.reopened(observation)
+    assert again is not None
+    assert free(again) == [0, 1, 2]
+    cycle.planned(again, going(1))
+    again = at(11, 0.75)
+    assert free(again) == [0, 1, 2, 3]
+    last = cycle.reopened(again)
+    assert last is not None
+    assert free(last) == [0, 1, 2]
+    assert cycle.reopened(last) is None
+    cycle.set_goal(11, 4.25, 0.25)
+    cycle.planned(last, going(1))
+    assert len(free(at(12, 1.25))) == 9

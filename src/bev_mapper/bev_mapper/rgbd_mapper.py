@@ -14,7 +14,7 @@ from bev_mapper.floor import FloorTracker, Plane
 from bev_mapper.grid_fusion import DEFAULT_GROWTH, DEFAULT_MAX_CELLS
 from bev_mapper.majority_grid import MajorityGrid
 from bev_mapper.segmentation import CloudSegmenter, GeometricSegmenter
-from bev_mapper.unprojection import depth_in_metres, thin, unproject
+from bev_mapper.unprojection import depth_in_metres, depth_noise, smooth, thin, unproject
 from bev_mapper.voxel_cloud import VoxelCloud
 from gridnav.grid import GridGeometry
 from gridnav.rgbd import CLASSES
@@ -192,6 +192,7 @@ class RgbdMapper:
         _check(frame)
         frame = thin(frame, config.max_pixels)
         depth = depth_in_metres(frame.depth)
+        depth = smooth(depth, depth_noise(depth))
         frame = replace(frame, depth=depth)
         # To a nanometre: what a pose loses on its way through a message changes no cell.
         camera_to_map = np.round(frame.camera_to_map(), 9)

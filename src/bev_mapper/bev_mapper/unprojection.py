@@ -16,6 +16,15 @@ if TYPE_CHECKING:
 
     from gridnav.rgbd import Camera, RgbdFrame
 
+NOISE_ROWS = 4
+"""Every fourth row is enough to tell the noise by."""
+
+NORMAL_MEDIAN = 1.4826
+"""A normal distribution's standard deviation over the median of its absolute values."""
+
+SMOOTHED_FROM_M = (0.005, 0.01, 0.02)
+"""Noise from which on depth is smoothed over gaps of one, two and three pixels, too."""
+
 INVALID_MM = 65535
 """Some cameras write this where they measured nothing, others 0."""
 
@@ -67,6 +76,50 @@ def depth_in_metres(
         metres[depth == INVALID_MM] = 0.0
         return metres
     return np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(0.0)).astype(np.float32)
+
+
+def depth_noise(depth: NDArray[np.float32]) -> float:
+    """Return the standard deviation of a depth image's noise in metres, about.
+
+    Along a row the depth of a flat surface has next to no second difference, so what there is in
+    the middle of all pixels is noise; edges are few.
+
+    Args:
+        depth: In metres, 0 where nothing was measured, (H, W).
+    """
+    rows = depth[::NOISE_ROWS]
+    left, middle, right = rows[:, :-2], rows[:, 1:-1], rows[:, 2:]
+    whole = (left > 0) & (middle > 0) & (right > 0)
+    bends = np.abs(left - 2 * middle + right)[whole]
+    if not len(bends):
+        return 0.0
+    return float(NORMAL_MEDIAN * np.median(bends) / math.sqrt(6))
+
+
+def smooth(depth: NDArray[np.float32], noise: float) -> NDArray[np.float32]:
+    """Return a depth image with less noise.
+
+    Each pixel becomes the median of itself and of two others beside it, then of two above and
+    below, with gaps that grow: edges stay sharp, and 50 mm of noise become less than 10 mm.
+
+    Args:
+        depth: In metres, 0 where nothing was measured, (H, W).
+        noise: Its standard deviation in metres.
+    """
+    for gap, least in enumerate(SMOOTHED_FROM_M, start=1):
+        if noise > least:
+            depth = _medians(_medians(depth, gap).T, gap).T
+    return depth
+
+
+def _medians(depth: NDArray[np.float32], gap: int) -> NDArray[np.float32]:
+    """Return the medians of each pixel and of those so far to its sides, (H, W)."""
+    framed = np.pad(depth, ((0, 0), (gap, gap)))
+    left, right = framed[:, : -2 * gap], framed[:, 2 * gap :]
+    # Beside what was not measured a pixel stays as it is.
+    left, right = (np.where(side > 0, side, depth) for side in (left, right))
+    found = np.maximum(np.minimum(left, depth), np.minimum(np.maximum(left, depth), right))
+    return np.where(depth > 0, found, depth)
 
 
 def unproject(

@@ -22,6 +22,7 @@ from vgdp_bringup.processes import NodeProcesses, free_domain_id
 from vgdp_bringup.watcher import RunWatcher
 from vgdp_experiments.search.loop import (
     BLOCKED_AFTER,
+    CLOSER_LOOK_CELLS,
     GOAL_TOLERANCE_M,
     IMAGE_WIDTH,
     ROBOT_RADIUS_M,
@@ -166,6 +167,7 @@ def planner_parameters(seed: int) -> dict[str, object]:
         'planning_resolution': STEP_M,
         'goal_tolerance': GOAL_TOLERANCE_M,
         'blocked_after': BLOCKED_AFTER,
+        'closer_look': CLOSER_LOOK_CELLS,
     }
 
 

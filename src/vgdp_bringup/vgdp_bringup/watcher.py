@@ -146,7 +146,8 @@ class RunWatcher(TopicListener):
     def _on_candidates(self, message: MarkerArray) -> None:
         """Find the score of the chosen plan: it is the candidate with the same points."""
         for marker in message.markers:
-            if [(point.x, point.y) for point in marker.points] == self.progress.plan:
+            points = [(point.x, point.y) for point in marker.points]
+            if marker.text and points == self.progress.plan:
                 self.progress.value = float(marker.text)
 
     def _on_episode(self, message: DiagnosticStatus) -> None:

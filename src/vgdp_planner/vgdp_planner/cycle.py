@@ -7,13 +7,15 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from gridnav import DONE, STEPS
+import numpy as np
+from scipy import ndimage
+
+from gridnav import DONE, FREE, STEPS
 from vgdp_planner.planning_grid import GridSettings, make_planning_grid
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from gridnav import GridGeometry
@@ -74,14 +76,25 @@ class PlanningCycle:
     A step that leads nowhere time and again, whatever the map says, leads to a place that counts
     as an obstacle from then on.
 
+    What is looked for may be too small to be seen from where a map is made. So where nothing is
+    left to see and no goal was seen, what the robot never came near to counts as unseen again.
+
     Args:
         settings: How a map becomes a planning grid; its blocks are what a step leads across.
         blocked_after: A place that so many steps did not get to counts as an obstacle.
+        closer_look: Further than so many blocks from all places where the robot was, what was
+            seen is looked at again, and then from one block nearer; 0 for never.
     """
 
-    def __init__(self, settings: GridSettings | None = None, blocked_after: int = 3) -> None:
+    def __init__(
+        self,
+        settings: GridSettings | None = None,
+        blocked_after: int = 3,
+        closer_look: int = 0,
+    ) -> None:
         self._settings = replace(settings or GridSettings(), keep_resolution=True)
         self._blocked_after = blocked_after
+        self._closer_look = closer_look
         self.start = NEVER
         self.finished = False
         self._map: tuple[int, NDArray[np.int8], GridGeometry] | None = None
@@ -99,6 +112,8 @@ class PlanningCycle:
         self._blocked: dict[tuple[int, int], Point] = {}
         self._failures: Counter[tuple[int, int]] = Counter()
         self._reopenings = 0
+        self._looks_left = self._closer_look
+        self._nearness = 0
 
     def begin(self, start: int) -> bool:
         """Start over with an episode that begins at a stamp; what is older is forgotten.
@@ -177,21 +192,40 @@ class PlanningCycle:
         return Observation(stamp, self._grid_now())
 
     def reopened(self, observation: Observation) -> Observation | None:
-        """Return an observation again, with the places that could not be stepped on open again.
+        """Return an observation again, with more to see or to go to.
 
-        For a planner that sees nowhere to go any more. None where there are no such places, or
-        they were tried again often enough.
+        For a planner that sees nowhere to go any more. Places that could not be stepped on are
+        open again; and if there are none, or they were tried again often enough, what was not
+        looked at from near is unseen again. None where nothing of this helps.
         """
-        if not self._blocked or self._reopenings >= REOPENINGS:
-            return None
-        self._reopenings += 1
-        self._blocked.clear()
-        self._failures.clear()
-        return replace(observation, grid=self._grid_now())
+        if self._blocked and self._reopenings < REOPENINGS:
+            self._reopenings += 1
+            self._blocked.clear()
+            self._failures.clear()
+            return replace(observation, grid=self._grid_now())
+        while self._goal is None and self._looks_left:
+            self._nearness = self._looks_left
+            self._looks_left -= 1
+            grid = self._grid_now()
+            if grid.partial_map[FREE].sum() < observation.grid.partial_map[FREE].sum():
+                return replace(observation, grid=grid)
+        return None
 
     def _grid_now(self) -> PlanningGrid:
         goal = None if self._goal is None else self._goal[1:]
-        return self.grid_at(self._poses[max(self._poses)], goal)
+        grid = self.grid_at(self._poses[max(self._poses)], goal)
+        if not self._nearness or goal is not None:
+            return grid
+        free = grid.partial_map[FREE] > 0
+        near = np.zeros_like(free)
+        for place in [*self._visited.values(), *self._poses.values()]:
+            cell = grid.geometry.cell_at(*place)
+            if grid.geometry.contains(*cell):
+                near[cell] = True
+        near = ndimage.binary_dilation(near, np.ones((3, 3)), self._nearness, mask=free | near)
+        partial_map = grid.partial_map.copy()
+        partial_map[FREE] *= near
+        return replace(grid, partial_map=partial_map)
 
     def _note_steps(self) -> None:
         """Note where the robot has been, and which of the committed steps led nowhere."""

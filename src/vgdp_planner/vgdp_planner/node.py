@@ -164,6 +164,15 @@ class PlannerParameters:
         high=1000,
         read_only=True,
     )
+    closer_look: int = parameter(
+        0,
+        'In lockstep, where nothing is left to see and no goal was seen, what lies further than '
+        'so many cells from where the robot was is looked at again; 0 for never',
+        unit='cells',
+        low=0,
+        high=100,
+        read_only=True,
+    )
     path_action: str = parameter(
         'compute_path_to_pose',
         "Name of Nav2's action for paths on request, where nav2_msgs is installed; none if empty",
@@ -329,11 +338,12 @@ class PlannerNode(BaseNode[PlannerParameters]):
             self._planner.reset(self.parameters.seed)
         grid, belief = observation.grid, observation.belief
         plan = self._planner.plan(grid.partial_map, grid.start if belief is None else belief)
-        if plan.status in PLANNER_GAVE_UP and isinstance(self._cycle, PlanningCycle):
+        while plan.status in PLANNER_GAVE_UP and isinstance(self._cycle, PlanningCycle):
             again = self._cycle.reopened(observation)
-            if again is not None:
-                observation, grid = again, again.grid
-                plan = self._planner.plan(grid.partial_map, grid.start)
+            if again is None:
+                break
+            observation, grid = again, again.grid
+            plan = self._planner.plan(grid.partial_map, grid.start)
         self.diagnostics.latency(time.perf_counter() - began, 'plan')
         self._last_news = time.monotonic()
         self._publish_plan(observation, plan)
@@ -495,7 +505,7 @@ def make_cycle(parameters: PlannerParameters) -> PlanningCycle | FreeCycle:
         goal_tolerance=p.goal_tolerance,
     )
     if p.pose_source == LOCKSTEP:
-        return PlanningCycle(settings, p.blocked_after)
+        return PlanningCycle(settings, p.blocked_after, p.closer_look)
     return FreeCycle(replace(settings, resolution=settings.resolution or FREE_RESOLUTION_M))
 
 

@@ -43,6 +43,9 @@ GOAL_TOLERANCE_M = 1.5
 BLOCKED_AFTER = 1
 """Moves of a scene's robot do not slip: where one leads nowhere there is something."""
 
+CLOSER_LOOK_CELLS = 3
+"""A bottle is not seen from as far as floor and walls are."""
+
 NANOSECONDS_A_STEP = 1_000_000_000
 
 
@@ -87,7 +90,7 @@ def search(
     simulation.restart(seed, start)
     searcher.reset(seed)
     settings = GridSettings(ROBOT_RADIUS_M, STEP_M, goal_tolerance=GOAL_TOLERANCE_M)
-    cycle = PlanningCycle(settings, BLOCKED_AFTER)
+    cycle = PlanningCycle(settings, BLOCKED_AFTER, CLOSER_LOOK_CELLS)
     cycle.begin(0)
     stamp = 0
     _take_in(simulation, mapper, cycle, stamp)
@@ -134,8 +137,10 @@ def _decide(
         msg = f'The cycle waits for {cycle.waiting_for}, which never comes.'
         raise RuntimeError(msg)
     committed = searcher.decide(Sight(observation.grid, views))
-    again = None if committed else cycle.reopened(observation)
-    if again is not None:
+    while not committed:
+        again = cycle.reopened(observation)
+        if again is None:
+            break
         observation, committed = again, searcher.decide(Sight(again.grid, views))
     return observation, committed
 

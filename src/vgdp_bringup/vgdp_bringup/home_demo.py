@@ -23,6 +23,7 @@ from vgdp_bringup.watcher import RunWatcher
 from vgdp_experiments.search.loop import (
     BLOCKED_AFTER,
     CLOSER_LOOK_CELLS,
+    GOAL_REACH_M,
     GOAL_TOLERANCE_M,
     IMAGE_WIDTH,
     ROBOT_RADIUS_M,
@@ -166,6 +167,7 @@ def planner_parameters(seed: int) -> dict[str, object]:
         'robot_radius': ROBOT_RADIUS_M,
         'planning_resolution': STEP_M,
         'goal_tolerance': GOAL_TOLERANCE_M,
+        'goal_reach': GOAL_REACH_M,
         'blocked_after': BLOCKED_AFTER,
         'closer_look': CLOSER_LOOK_CELLS,
     }

@@ -156,6 +156,14 @@ class PlannerParameters:
         high=100.0,
         read_only=True,
     )
+    goal_reach: float = parameter(
+        0.0,
+        'Any place this near to the goal will do that was seen to be free',
+        unit='m',
+        low=0.0,
+        high=100.0,
+        read_only=True,
+    )
     blocked_after: int = parameter(
         3,
         'In lockstep, a place that so many steps did not get to counts as an obstacle',
@@ -503,6 +511,7 @@ def make_cycle(parameters: PlannerParameters) -> PlanningCycle | FreeCycle:
         p.planning_resolution,
         p.max_planning_cells,
         goal_tolerance=p.goal_tolerance,
+        goal_reach=p.goal_reach,
     )
     if p.pose_source == LOCKSTEP:
         return PlanningCycle(settings, p.blocked_after, p.closer_look)

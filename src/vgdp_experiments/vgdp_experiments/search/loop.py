@@ -40,6 +40,9 @@ ROBOT_RADIUS_M = 0.2
 GOAL_TOLERANCE_M = 1.5
 """Bottles stand on tables and counters."""
 
+GOAL_REACH_M = 0.8
+"""Done succeeds within 1 m, and where a bottle was seen to be may be wrong by some decimetres."""
+
 BLOCKED_AFTER = 1
 """Moves of a scene's robot do not slip: where one leads nowhere there is something."""
 
@@ -89,7 +92,9 @@ def search(
     mapper.clear()
     simulation.restart(seed, start)
     searcher.reset(seed)
-    settings = GridSettings(ROBOT_RADIUS_M, STEP_M, goal_tolerance=GOAL_TOLERANCE_M)
+    settings = GridSettings(
+        ROBOT_RADIUS_M, STEP_M, goal_tolerance=GOAL_TOLERANCE_M, goal_reach=GOAL_REACH_M
+    )
     cycle = PlanningCycle(settings, BLOCKED_AFTER, CLOSER_LOOK_CELLS)
     cycle.begin(0)
     stamp = 0

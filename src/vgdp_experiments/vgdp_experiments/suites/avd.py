@@ -387,7 +387,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     kinds.add_argument(
         '--picture',
         metavar='SCENE:SEED',
-        help='draw a single search instead; search n of trial t has the seed 1000 t + n',
+        help='draw one search into the file --out (search.png) instead; search n of trial t '
+        'has the seed 1000 t + n',
     )
     parser.add_argument(
         '--data',

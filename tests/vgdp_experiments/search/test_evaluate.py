@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING
 import pytest
 
 from avd_player.avd_format import COLOR_FOLDER, DEPTH_FOLDER
+from avd_player.simulation import SearchRules
 from gridnav import EpisodeResult, Outcome
 from vgdp_experiments.commands import register
 from vgdp_experiments.jobs import Job, Part
 from vgdp_experiments.merge import page_of
 from vgdp_experiments.results import Results
 from vgdp_experiments.scores import Trial
+from vgdp_experiments.search import evaluate
 from vgdp_experiments.search.evaluate import SEEDS_A_TRIAL, open_home, run_searches
 from vgdp_experiments.search.home_setting import HomeSetting
 from vgdp_experiments.search.noise import Noise
@@ -42,19 +44,15 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.filterwarnings('ignore:Home_113_1')
 
-RULES = {'min_expert_steps': 2, 'max_range': 1.8}
-"""The scene of the tests is small."""
-
 
 @pytest.fixture(autouse=True)
 def _small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Search by rules that a small scene allows."""
-    from vgdp_experiments.search import evaluate  # noqa: PLC0415
 
-    rules = evaluate.SearchRules
-    monkeypatch.setattr(
-        evaluate, 'SearchRules', lambda max_steps: rules(max_steps=max_steps, **RULES)
-    )
+    def rules(max_steps: int) -> SearchRules:
+        return SearchRules(max_steps=max_steps, min_expert_steps=2, max_range=1.8)
+
+    monkeypatch.setattr(evaluate, 'SearchRules', rules)
     evaluate._home.cache_clear()
     evaluate._scene.cache_clear()
 
@@ -128,8 +126,6 @@ def test_searches_come_out_the_same_in_any_order(data: Path) -> None:
     setting = HomeSetting('Home_113_1', noise=Noise(depth=30.0, position=30.0, missed=0.3))
     home = open_home(data, setting, 1)
     whole, _ = run_searches(home, 'frontier', args, 1, range(2))
-    from vgdp_experiments.search import evaluate  # noqa: PLC0415
-
     evaluate._home.cache_clear()
     last, _ = run_searches(open_home(data, setting, 1), 'frontier', args, 1, range(1, 2))
     assert whole.results[1:] == last.results

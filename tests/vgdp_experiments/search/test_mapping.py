@@ -63,6 +63,6 @@ def test_an_image_is_read_once(scene: Scene) -> None:
 def test_what_depends_on_other_frames_is_refused(scene: Scene) -> None:
     """A floor that is looked for, and a projection of all points."""
     for change in ({'fit_floor': True}, {'mode': 'majority'}):
-        config = replace(mapper_config(), **change)  # type: ignore[arg-type]
+        config = replace(mapper_config(), **change)
         with pytest.raises(ValueError, match='can be kept only with fit_floor=False'):
             SceneMapper(Sensors(scene), config=config)

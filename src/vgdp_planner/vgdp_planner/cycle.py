@@ -278,6 +278,17 @@ class PlanningCycle:
         """Where the robot is, (x, y) in metres, if it is known."""
         return self._poses[max(self._poses)] if self._poses else None
 
+    def to_send(self, committed: Sequence[int]) -> list[int]:
+        """Return those of the committed steps that may be sent now.
+
+        Where a step that leads nowhere says at once that there is something, Done waits until the
+        robot is seen to have got to where it is said.
+        """
+        steps = list(committed)
+        if self._blocked_after == 1 and DONE in steps[1:]:
+            return steps[: steps.index(DONE)]
+        return steps
+
     def planned(self, observation: Observation, decision: Decision) -> None:
         """Note that actions were sent that were planned on an observation."""
         self._planned = observation.stamp

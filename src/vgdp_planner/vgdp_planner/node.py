@@ -384,13 +384,16 @@ class PlannerNode(BaseNode[PlannerParameters]):
         p = self.parameters
         stamp, grid = observation.stamp, observation.grid
         going = plan.status == 'ok'
+        committed = plan.committed
+        if isinstance(self._cycle, PlanningCycle):
+            committed = self._cycle.to_send(committed)
         blocks = known_way(grid.partial_map, grid.start, plan.actions.tolist() if going else [])
-        moves = min(sum(action != DONE for action in plan.committed), len(blocks) - 1)
+        moves = min(sum(action != DONE for action in committed), len(blocks) - 1)
         if self.moves_by_itself:
             blocks = onward_way(seen_way(grid.partial_map, blocks), moves)
         way = grid.way(blocks, via=moves) if going else np.empty((0, 2))
-        done = DONE in plan.committed
-        decision = Decision(plan.committed, blocks[moves], done, way)
+        done = DONE in committed
+        decision = Decision(committed, blocks[moves], done, way)
         self._cycle.planned(observation, decision)
 
         self._path = to_path_of_points(way.tolist(), stamp=stamp, frame_id=p.map_frame)
@@ -403,12 +406,12 @@ class PlannerNode(BaseNode[PlannerParameters]):
                 to_occupancy_grid(shown, grid.geometry, stamp=stamp, frame_id=p.map_frame)
             )
         if self.moves_by_itself:
-            if plan.committed:
+            if committed:
                 to_target = grid.way(blocks[: moves + 1]).tolist()
                 reached = to_path_of_points(to_target, stamp=stamp, frame_id=p.map_frame)
                 self._waypoint.publish(reached.poses[-1])
         else:
-            self._send_actions(plan.committed)
+            self._send_actions(committed)
         if not going and not (self.moves_by_itself and plan.status == self._verdict):
             values = {'steps': '0'}
             status = EpisodeStatus(SOURCE, plan.status, max(self._cycle.start, 0), values)

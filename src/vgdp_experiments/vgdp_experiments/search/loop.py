@@ -110,12 +110,11 @@ def search(
         if not committed:
             simulation.give_up()
             break
-        if DONE in committed and simulation.goal and not simulation.sightings.confirmed:
-            committed = committed[: committed.index(DONE)]
-            if not committed:
-                simulation.doubt()
-                _say_goal(simulation, cycle, stamp)
-                continue
+        committed = cycle.to_send(committed)
+        if committed == [DONE] and simulation.goal and not simulation.sightings.confirmed:
+            simulation.doubt()
+            _say_goal(simulation, cycle, stamp)
+            continue
         grid = observation.grid
         cycle.planned(
             observation,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gridnav import FREE, GOAL, OBSTACLE, GridGeometry
+from gridnav import DONE, FREE, GOAL, OBSTACLE, GridGeometry
 from vgdp_planner.cycle import Decision, Observation, PlanningCycle
 from vgdp_planner.planning_grid import GridSettings
 
@@ -224,3 +224,26 @@ def test_what_was_seen_from_afar_is_looked_at_again() -> None:
     cycle.set_goal(11, 4.25, 0.25)
     cycle.planned(last, going(1))
     assert len(free(at(12, 1.25))) == 9
+
+
+def test_done_waits_until_the_robot_is_there() -> None:
+    """Where a step may lead nowhere at once; by itself it is sent."""
+    careful, other = PlanningCycle(blocked_after=1), PlanningCycle()
+    assert careful.to_send([2, 3, DONE]) == [2, 3]
+    assert careful.to_send([DONE]) == [DONE]
+    assert careful.to_send([2, 3]) == [2, 3]
+    assert other.to_send([2, DONE]) == [2, DONE]
+
+
+def test_a_goal_is_taken_back() -> None:
+    """The next observation has none."""
+    cycle = PlanningCycle()
+    cycle.begin(0)
+    cycle.add_pose(0, 0.5, 0.5)
+    cycle.add_map(0, np.zeros((5, 5), dtype=np.int8), GridGeometry(5, 5, 1.0))
+    cycle.set_goal(0, 3.5, 3.5)
+    assert cycle.grid_at((0.5, 0.5), (3.5, 3.5)).goal == 'ok'
+    cycle.forget_goal()
+    observation = cycle.observation()
+    assert observation is not None
+    assert observation.grid.goal == 'none'

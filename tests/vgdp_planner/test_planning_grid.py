@@ -358,6 +358,40 @@ def test_a_goal_on_something_is_stopped_beside() -> None:
     assert not grid.partial_map[OBSTACLE][tuple(cell)]
 
 
+def test_any_place_in_reach_of_the_goal_will_do() -> None:
+    """Of those that were seen to be free and that the robot gets to, with the nearest of all."""
+    occupancy = np.zeros((20, 30), dtype=np.int8)
+    occupancy[5:15, 15:25] = 100
+    occupancy[15:] = -1
+    geometry, goal = GridGeometry(20, 30, 0.1), (2.05, 1.05)
+    chosen = GridSettings(0.1, 0.3, goal_tolerance=1.0, goal_reach=0.95)
+    grid = make_planning_grid(occupancy, geometry, (0.5, 1.0), goal, chosen)
+    cells = np.argwhere(grid.partial_map[GOAL])
+    assert len(cells) > 3
+    for cell in cells.tolist():
+        x, y = grid.geometry.center_of(*cell)
+        assert np.hypot(x - goal[0], y - goal[1]) < 0.95
+        assert y < 1.5
+        assert grid.partial_map[(FREE, *cell)]
+
+
+@pytest.mark.parametrize(('reach', 'behind'), [(0.0, True), (0.6, True), (0.9, False)])
+def test_a_place_that_was_seen_is_better_than_one_behind_a_wall(
+    *, reach: float, behind: bool
+) -> None:
+    """Where it is in reach; what was not seen may be anything."""
+    occupancy = np.zeros((30, 30), dtype=np.int8)
+    occupancy[8:16] = 100
+    occupancy[16:] = -1
+    occupancy[:, 28:] = 0
+    geometry, goal = GridGeometry(30, 30, 0.1), (1.45, 1.45)
+    chosen = GridSettings(0.1, 0.3, goal_tolerance=1.5, goal_reach=reach)
+    grid = make_planning_grid(occupancy, geometry, (0.5, 0.5), goal, chosen)
+    rows = np.argwhere(grid.partial_map[GOAL])[:, 0]
+    y = [grid.geometry.center_of(row, 0)[1] for row in rows.tolist()]
+    assert (max(y) > 1.45) == behind
+
+
 @pytest.mark.parametrize('center', [(0.0, 0.0), (0.1, -0.2), (7.3, 4.1)])
 def test_blocks_lie_around_a_place(center: tuple[float, float]) -> None:
     """The place is in the middle of a block, wherever the map begins."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from gridnav.actions import NUM_MOVES, STEPS
 from gridnav.rgbd import FrameError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -43,6 +44,9 @@ SAME_THING_M = 0.75
 
 MIN_SEEN_SHARE = 0.1
 """What was seen less often than this share of the thing seen most often is a mistake."""
+
+MISSES_A_SIGHTING = 4
+"""So many looks at the place of a thing that do not show it speak against one that did."""
 
 MIN_VALID_SHARE = 0.25
 """This much of the middle of a box must have depth."""
@@ -210,7 +214,11 @@ class Scene:
     ) -> dict[str, NDArray[np.float64]]:
         """Return all that is seen of a thing in the scene, by image; see `sighting`."""
         found = {}
-        names = [name for name in self.source.placed_names if len(self._boxes(name, instance))]
+        names = [
+            name
+            for name in self.source.placed_names
+            if len(self.boxes(name, instance, max_difficulty))
+        ]
         for name in tqdm(names, 'depth of boxes', leave=False, delay=_PROGRESS_DELAY_S):
             point = self.sighting(name, instance, max_difficulty, max_range)
             if point is not None:
@@ -220,38 +228,37 @@ class Scene:
     def _look_for(
         self, name: str, instance: int, max_difficulty: int, max_range: float
     ) -> NDArray[np.float64] | None:
-        boxes = self._boxes(name, instance)
-        boxes = boxes[boxes[:, 5] <= max_difficulty]
+        boxes = self.boxes(name, instance, max_difficulty)
         if not len(boxes):
             return None
         areas = (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1])
-        x_min, y_min, x_max, y_max = boxes[areas.argmax(), :4].tolist()
-        across, down = (x_max - x_min) / 4, (y_max - y_min) / 4
         try:
             depth = self.source.read_raw_depth(name)
         except FrameError:
             return None
-        height, width = depth.shape
-        if x_min <= 0 or y_min <= 0 or x_max >= width - 1 or y_max >= height - 1:
-            return None
-        rows = slice(round(y_min + down), round(y_max - down) + 1)
-        middle = depth[rows, round(x_min + across) : round(x_max - across) + 1]
-        measured = middle[middle > 0]
-        if not len(measured) or len(measured) < MIN_VALID_SHARE * middle.size:
-            return None
-        z = float(np.median(measured)) / 1000
-        if z > max_range:
-            return None
-        center = np.array([(x_min + x_max + 1) / 2, (y_min + y_max + 1) / 2])
-        ray = np.array([*self.source.lens.unproject(center), 1.0, 1 / z])
-        point: NDArray[np.float64] = self.source.camera_to_map(name)[:3] @ (ray * z)
-        return point
+        return place_in_box(
+            depth,
+            boxes[areas.argmax(), :4],
+            self.source.lens.unproject,
+            self.source.camera_to_map(name),
+            max_range,
+        )
 
-    def _boxes(self, name: str, instance: int) -> NDArray[np.int64]:
+    def boxes(self, name: str, instance: int, max_difficulty: int = 5) -> NDArray[np.int64]:
+        """Return the boxes of a thing in an image on disk, as the dataset has them, (N, 6).
+
+        Args:
+            name: File name of the image.
+            instance: Number of the thing.
+            max_difficulty: Boxes of a higher difficulty are left out.
+        """
         annotation = self.annotation(name)
         if annotation is None:
             return np.empty((0, 6), dtype=np.int64)
-        boxes: NDArray[np.int64] = annotation.boxes[annotation.boxes[:, 4] == instance]
+        found = annotation.boxes
+        boxes: NDArray[np.int64] = found[
+            (found[:, 4] == instance) & (found[:, 5] <= max_difficulty)
+        ]
         return boxes
 
     def _neighbours(self) -> list[NDArray[np.int64]]:
@@ -304,40 +311,149 @@ class Scene:
         return (col, other_row) in at or (other_col, row) in at
 
 
+def place_in_box(
+    depth: NDArray[np.uint16],
+    box: NDArray[np.int64],
+    unproject: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    camera_to_map: NDArray[np.float64],
+    max_range: float,
+) -> NDArray[np.float64] | None:
+    """Return where the thing in a box is, metres in the map, (3,); see `Scene.sighting`.
+
+    Args:
+        depth: Millimetres, 0 for none, (H, W).
+        box: First and last pixels: left, upper, right, lower, (4,).
+        unproject: Gives the slopes (2,) of the ray through a place of the image (2,); the upper
+            left corner of the image is at 0.
+        camera_to_map: What takes points of the optical frame into the map, (4, 4).
+        max_range: What is further away does not count, in metres.
+
+    Returns:
+        The point; None where the box is cut off, or its middle has too little depth.
+    """
+    x_min, y_min, x_max, y_max = box.tolist()
+    across, down = (x_max - x_min) / 4, (y_max - y_min) / 4
+    height, width = depth.shape
+    if x_min <= 0 or y_min <= 0 or x_max >= width - 1 or y_max >= height - 1:
+        return None
+    rows = slice(round(y_min + down), round(y_max - down) + 1)
+    middle = depth[rows, round(x_min + across) : round(x_max - across) + 1]
+    measured = middle[middle > 0]
+    if not len(measured) or len(measured) < MIN_VALID_SHARE * middle.size:
+        return None
+    z = float(np.median(measured)) / 1000
+    if z > max_range:
+        return None
+    center = np.array([(x_min + x_max + 1) / 2, (y_min + y_max + 1) / 2])
+    ray = np.array([*unproject(center), 1.0, 1 / z])
+    point: NDArray[np.float64] = camera_to_map[:3] @ (ray * z)
+    return point
+
+
+@dataclass
+class _Thing:
+    """What may be the target.
+
+    Attributes:
+        points: Where it was seen, (3,) each.
+        misses: Images that should have shown it and did not.
+    """
+
+    points: list[NDArray[np.float64]]
+    misses: int = 0
+
+    @property
+    def place(self) -> NDArray[np.float64]:
+        """The middle of its sightings, (3,)."""
+        middle: NDArray[np.float64] = np.median(self.points, axis=0)
+        return middle
+
+    @property
+    def weight(self) -> float:
+        """How many sightings are left when those are taken off that the misses speak against."""
+        return len(self.points) - self.misses / MISSES_A_SIGHTING
+
+
 class TargetSightings:
     """Where a thing is, from several looks at it.
 
     Sightings within 0.75 m of each other are of one thing: where two of a kind are in a scene,
     the one that was seen most often counts. What was seen ten times less often than that is taken
-    for a mistake.
+    for a mistake, and so is what was missed four times as often as it was seen where it should
+    have been seen well.
+
+    Args:
+        sure: A thing is confirmed when so many of its sightings are left.
     """
 
-    def __init__(self) -> None:
-        self._things: list[list[NDArray[np.float64]]] = []
+    def __init__(self, sure: int = 1) -> None:
+        self._sure = sure
+        self._things: list[_Thing] = []
         self._seen_in: set[str] = set()
 
     def add(self, name: str, point: NDArray[np.float64]) -> None:
         """Take in a sighting (3,) in an image; the same image counts once."""
+        self.look(name, [point], lambda _place: False)
+
+    def look(
+        self,
+        name: str,
+        points: Sequence[NDArray[np.float64]],
+        shows: Callable[[NDArray[np.float64]], bool],
+    ) -> None:
+        """Take in all that is seen in an image; the same image counts once.
+
+        Args:
+            name: Of the image.
+            points: The sightings, (3,) each.
+            shows: Tells whether the image would show a thing well that is at a place (3,).
+        """
         if name in self._seen_in:
             return
         self._seen_in.add(name)
+        found = [self._add(point) for point in points]
         for thing in self._things:
-            if np.linalg.norm(np.median(thing, axis=0) - point) <= SAME_THING_M:
-                thing.append(point)
-                return
-        self._things.append([point])
+            if not any(thing is other for other in found) and shows(thing.place):
+                thing.misses += 1
+
+    def _add(self, point: NDArray[np.float64]) -> _Thing:
+        for thing in self._things:
+            if np.linalg.norm(thing.place - point) <= SAME_THING_M:
+                thing.points.append(point)
+                return thing
+        self._things.append(_Thing([point]))
+        return self._things[-1]
+
+    def doubt(self) -> None:
+        """Give up the thing that counts until it is seen again: looking longer tells no more."""
+        for thing in self._believed[:1]:
+            thing.misses = MISSES_A_SIGHTING * len(thing.points)
+
+    @property
+    def points(self) -> list[NDArray[np.float64]]:
+        """All sightings, (3,) each."""
+        return [point for thing in self._things for point in thing.points]
+
+    @property
+    def _believed(self) -> list[_Thing]:
+        ordered = sorted(self._things, key=lambda thing: thing.weight, reverse=True)
+        return [
+            thing
+            for thing in ordered
+            if thing.weight > 0 and thing.weight >= MIN_SEEN_SHARE * ordered[0].weight
+        ]
 
     @property
     def things(self) -> Sequence[NDArray[np.float64]]:
         """The middle of each thing's sightings, (3,) each, the one seen most often first."""
-        ordered = sorted(self._things, key=len, reverse=True)
-        return [
-            np.median(thing, axis=0)
-            for thing in ordered
-            if len(thing) >= MIN_SEEN_SHARE * len(ordered[0])
-        ]
+        return [thing.place for thing in self._believed]
 
     @property
     def position(self) -> NDArray[np.float64] | None:
         """Where the thing is, metres in the map, (3,), once it was seen."""
-        return self.things[0] if self._things else None
+        return next(iter(self.things), None)
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the thing that counts was seen often enough to be sure of it."""
+        return any(thing.weight >= self._sure for thing in self._believed[:1])

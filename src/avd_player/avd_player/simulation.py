@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -15,7 +15,7 @@ from gridnav.actions import DONE, NUM_ACTIONS, STEPS
 from gridnav.metrics import EpisodeResult, Outcome
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -70,6 +70,43 @@ class SearchRules:
             raise ValueError(msg)
 
 
+class Finder(Protocol):
+    """Finds the target in images, maybe not always, and maybe where it is not.
+
+    Attributes:
+        sure: So many sightings at one place are no mistake.
+    """
+
+    sure: int
+
+    def sightings(self, name: str) -> Sequence[NDArray[np.float64]]:
+        """Return where the target seems to be in an image, metres in the map, (3,) each."""
+
+    def shows(self, name: str, place: NDArray[np.float64]) -> bool:
+        """Tell whether an image would show the target well if it were at a place (3,)."""
+
+
+class Labels:
+    """Finds the target where the boxes of the dataset say that it is; they need no second look.
+
+    Args:
+        visible: Where the target is, by image, (3,) each.
+    """
+
+    sure = 1
+
+    def __init__(self, visible: Mapping[str, NDArray[np.float64]]) -> None:
+        self._visible = visible
+
+    def sightings(self, name: str) -> Sequence[NDArray[np.float64]]:
+        """See `Finder`."""
+        return [self._visible[name]] if name in self._visible else []
+
+    def shows(self, name: str, place: NDArray[np.float64]) -> bool:  # noqa: ARG002
+        """See `Finder`; where there is no box, the target may still be."""
+        return False
+
+
 class Expert(NamedTuple):
     """The shortest ways to where Done succeeds, for one who knows the scene.
 
@@ -99,11 +136,19 @@ class ActiveVisionSimulation:
         steps: Actions taken.
         bumps: Moves that led nowhere.
         path_cost: Length of the way in steps of 0.30 m.
-        sightings: What it saw of the target.
+        sightings: What it saw of the target, or took for it.
+        target_seen: Whether it truly was in sight, without which Done does not succeed.
     """
 
-    def __init__(self, scene: Scene, rules: SearchRules | None = None) -> None:
+    def __init__(
+        self, scene: Scene, rules: SearchRules | None = None, finder: Finder | None = None
+    ) -> None:
         """Find the target's sightings and the positions to start from.
+
+        Args:
+            scene: Where the robot moves.
+            rules: What it looks for.
+            finder: What tells the robot where the target is, the labels of the scene if None.
 
         Raises:
             ValueError: If there is no such target in the scene, or no position to start from.
@@ -118,6 +163,7 @@ class ActiveVisionSimulation:
                 f'{rules.max_difficulty} at most and depth up to {rules.max_range:g} m.'
             )
             raise ValueError(msg)
+        self._finder: Finder = finder or Labels(self._visible)
         true_sightings = TargetSightings()
         for name, point in self._visible.items():
             true_sightings.add(name, point)
@@ -154,7 +200,8 @@ class ActiveVisionSimulation:
         self.outcome = Outcome.RUNNING
         self.steps = self.bumps = 0
         self.path_cost = 0.0
-        self.sightings = TargetSightings()
+        self.sightings = TargetSightings(self._finder.sure)
+        self.target_seen = False
         self._goal: tuple[float, float, float] | None = None
         self._look()
 
@@ -171,8 +218,7 @@ class ActiveVisionSimulation:
             return
         self.steps += 1
         if action == DONE:
-            seen = self.sightings.position is not None
-            succeeds = seen and self.goals[self.position]
+            succeeds = self.target_seen and self.goals[self.position]
             self.outcome = Outcome.SUCCESS if succeeds else Outcome.FALSE_DONE
             return
         target = int(self.scene.moves[self.position, action])
@@ -191,6 +237,11 @@ class ActiveVisionSimulation:
         """End the search as given up, if it runs."""
         if self.outcome is Outcome.RUNNING:
             self.outcome = Outcome.GAVE_UP
+
+    def doubt(self) -> None:
+        """Give up the goal as a mistake, until it is seen again."""
+        self.sightings.doubt()
+        self._note_goal()
 
     @property
     def seen_names(self) -> list[str]:
@@ -276,11 +327,17 @@ class ActiveVisionSimulation:
         off = np.angle(np.exp(1j * (self.scene.headings[self.position] - self._yaw)))
         self.view = int(np.abs(off).argmin())
         for name in self.seen_names:
-            if name in self._visible:
-                self.sightings.add(name, self._visible[name])
+            self.target_seen |= name in self._visible
+            shows = partial(self._finder.shows, name)
+            self.sightings.look(name, self._finder.sightings(name), shows)
+        self._note_goal()
+
+    def _note_goal(self) -> None:
         position = self.sightings.position
-        if position is not None:
-            known = self._goal
-            if known is None or np.linalg.norm(position - known) >= GOAL_MOVED_M:
-                x, y, z = position.tolist()
-                self._goal = (x, y, z)
+        if position is None:
+            self._goal = None
+            return
+        known = self._goal
+        if known is None or np.linalg.norm(position - known) >= GOAL_MOVED_M:
+            x, y, z = position.tolist()
+            self._goal = (x, y, z)

@@ -76,6 +76,23 @@ class Evidence:
     robot: tuple[float, float] | None
 
 
+@dataclass(frozen=True)
+class Change:
+    """What a frame changes on any grid that began as the one that it was worked out for.
+
+    Attributes:
+        first: Row and column of its lowest cell, counted from the first cell that the grid had.
+        slabs: Evidence of obstacles to add, int8 (L, h, w).
+        floor: Evidence of the floor to add, int8 (h, w).
+        under: Cells under the robot, which are free, bool (h, w).
+    """
+
+    first: tuple[int, int]
+    slabs: NDArray[np.int8]
+    floor: NDArray[np.int8]
+    under: NDArray[np.bool_]
+
+
 class EvidenceGrid:
     """Log-odds of obstacles in slabs of height above each cell, and what follows for the cell.
 
@@ -132,6 +149,8 @@ class EvidenceGrid:
     def clear(self) -> None:
         """Forget everything and return to the first size."""
         self.geometry = self._initial_geometry
+        # Rows and columns that have grown before the first ones.
+        self._before = (0, 0)
         shape = self.geometry.shape
         self._slabs = np.zeros((self._layers, *shape), dtype=np.int8)
         self._floor = np.zeros(shape, dtype=np.int8)
@@ -144,6 +163,12 @@ class EvidenceGrid:
         Raises:
             ValueError: If the map would grow beyond its limit; it is as it was.
         """
+        change = self.change_of(seen)
+        if change is not None:
+            self.apply(change)
+
+    def change_of(self, seen: Evidence) -> Change | None:
+        """Return what a frame changes, None for nothing; what came before plays no part."""
         height = seen.points[2]
         solid = seen.is_solid & (height >= self.crop.low) & (height < self.crop.high)
         floor = seen.is_floor & (height > LOWEST_FLOOR_M)
@@ -157,15 +182,12 @@ class EvidenceGrid:
             places = [self._inside(cells) for cells in places]
         together = np.concatenate(places, axis=1)
         if not together.shape[1]:
-            return
-        if self._growth:
-            self._make_room(together)
-        first = together[1:].min(axis=1).tolist()
-        last = together[1:].max(axis=1).tolist()
-        rows, cols = (slice(low, high + 1) for low, high in zip(first, last, strict=True))
-        shape = (self._layers, last[0] - first[0] + 1, last[1] - first[1] + 1)
+            return None
+        first_row, first_col = together[1:].min(axis=1).tolist()
+        last_row, last_col = together[1:].max(axis=1).tolist()
+        shape = (self._layers, last_row - first_row + 1, last_col - first_col + 1)
         layer, row, col = together
-        flat = (layer * shape[1] + row - first[0]) * shape[2] + col - first[1]
+        flat = (layer * shape[1] + row - first_row) * shape[2] + col - first_col
         ends = np.cumsum([cells.shape[1] for cells in places])
         hits, ground, through, under = np.split(flat, ends[:-1])
 
@@ -173,22 +195,40 @@ class EvidenceGrid:
         points = np.bincount(hits, minlength=shape[0] * area).reshape(shape)
         # An obstacle of few points may stand on a floor of many: each slab counts by itself.
         hit = (points > 0) & (points.sum(axis=0) >= self._min_points)
-        change = np.zeros(shape, dtype=np.int8)
-        change.reshape(-1)[through] = LOOKED_THROUGH
-        change[hit] = HIT
-        _add(self._slabs[:, rows, cols], change)
+        slabs = np.zeros(shape, dtype=np.int8)
+        slabs.reshape(-1)[through] = LOOKED_THROUGH
+        slabs[hit] = HIT
         points = np.bincount(ground % area, minlength=area).reshape(shape[1:])
         on_floor = points >= self._min_points
-        _add(self._floor[rows, cols], on_floor.astype(np.int8) * np.int8(FLOOR_SEEN))
         free = np.zeros(area, dtype=np.bool_)
         free[under % area] = True
-        self._slabs[:, rows, cols][:, free.reshape(shape[1:])] = LOWEST
-        self._floor[rows, cols][free.reshape(shape[1:])] = LOWEST
+        return Change(
+            first=(first_row, first_col),
+            slabs=slabs,
+            floor=on_floor.astype(np.int8) * np.int8(FLOOR_SEEN),
+            under=free.reshape(shape[1:]),
+        )
+
+    def apply(self, change: Change) -> None:
+        """Add what `change_of` returned, for this grid or for one that began as it did.
+
+        Raises:
+            ValueError: If the map would grow beyond its limit; it is as it was.
+        """
+        if self._growth:
+            self._make_room(change)
+        row, col = (at + more for at, more in zip(change.first, self._before, strict=True))
+        height, width = change.floor.shape
+        rows, cols = slice(row, row + height), slice(col, col + width)
+        _add(self._slabs[:, rows, cols], change.slabs)
+        _add(self._floor[rows, cols], change.floor)
+        self._slabs[:, rows, cols][:, change.under] = LOWEST
+        self._floor[rows, cols][change.under] = LOWEST
         self._conclude(rows, cols)
 
     def _cells(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the slab, the row and the column of points (3, N), (3, N)."""
-        geometry = self.geometry
+        """Return slab, row and column of points (3, N), counted from the first grid's, (3, N)."""
+        geometry = self._initial_geometry
         cells = np.empty(points.shape, dtype=np.int64)
         for axis, (low, side) in enumerate(
             (
@@ -227,15 +267,12 @@ class EvidenceGrid:
         """Return the centres of the cells under the robot, and its own place, (3, N)."""
         if robot is None:
             return np.empty((3, 0))
-        reach = math.ceil(self._footprint / self.geometry.resolution)
-        row, col = self.geometry.cell_at(*robot)
+        geometry = self._initial_geometry
+        reach = math.ceil(self._footprint / geometry.resolution)
+        row, col = geometry.cell_at(*robot)
         offsets = range(-reach, reach + 1)
         places = np.array(
-            [
-                self.geometry.center_of(row + down, col + right)
-                for down in offsets
-                for right in offsets
-            ]
+            [geometry.center_of(row + down, col + right) for down in offsets for right in offsets]
         )
         near = np.hypot(*(places - robot).T) <= self._footprint
         near[len(near) // 2] = True
@@ -244,25 +281,25 @@ class EvidenceGrid:
     def _inside(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return those of cells (3, N) that lie on the map."""
         _, rows, cols = cells
-        height, width = self.geometry.shape
+        height, width = self._initial_geometry.shape
         return cells[:, (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)]
 
-    def _make_room(self, cells: NDArray[np.int64]) -> None:
-        """Grow so that cells (3, N) lie on the map and not on its rim; changes them to match."""
+    def _make_room(self, change: Change) -> None:
+        """Grow so that the cells of a change lie on the map and not on its rim."""
         # The rim stays unknown, so that a planner sees that there is more to see.
-        lowest, highest = cells.min(axis=1) - 1, cells.max(axis=1) + 1
+        row, col = (at + more for at, more in zip(change.first, self._before, strict=True))
+        height, width = change.floor.shape
         found = grown(
             self.geometry,
-            (int(lowest[1]), int(highest[1])),
-            (int(lowest[2]), int(highest[2])),
+            (row - 1, row + height),
+            (col - 1, col + width),
             growth=self._growth,
             max_cells=self._max_cells,
         )
         if found is None:
             return
         self.geometry, margins = found
-        cells[1] += margins[0][0]
-        cells[2] += margins[1][0]
+        self._before = (self._before[0] + margins[0][0], self._before[1] + margins[1][0])
         self._slabs = np.pad(self._slabs, ((0, 0), *margins))
         self._floor = np.pad(self._floor, margins)
         self.occupancy = np.pad(self.occupancy, margins, constant_values=UNKNOWN_VALUE)

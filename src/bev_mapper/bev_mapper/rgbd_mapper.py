@@ -154,9 +154,42 @@ class RgbdMapper:
             ValueError: If it lacks what the segmenter needs or the map would grow beyond its
                 limit, with one sentence that says so; the map is as it was.
         """
+        clock = _Clock()
+        seen, color, kinds = self._look(frame, clock)
+        if isinstance(self.grid, EvidenceGrid):
+            self.grid.update(seen)
+        clock.lap('grid')
+
+        self.cloud.merge(seen.points, color, kinds)
+        clock.lap('cloud')
+        self.frames += 1
+        self.stamp = max(self.stamp, frame.stamp)
+        self.position = frame.pose[:2]
+        if isinstance(self.grid, MajorityGrid):
+            every = self.config.relabel_every
+            if self._whole is not None and every and self.frames % every == 0:
+                self._relabel(self._whole)
+                clock.lap('segmentation')
+            self.grid.project(self.cloud.points())
+            clock.lap('grid')
+        self.timings = clock.laps
+
+    def evidence(self, frame: RgbdFrame) -> Evidence:
+        """Return what a frame says about cells, without adding it to the map.
+
+        It depends on the frame alone where the floor is not looked for.
+
+        Raises:
+            ValueError: If the frame lacks what the segmenter needs.
+        """
+        return self._look(frame, _Clock())[0]
+
+    def _look(
+        self, frame: RgbdFrame, clock: _Clock
+    ) -> tuple[Evidence, NDArray[np.uint8], NDArray[np.uint8]]:
+        """Return what a frame says, and colours (N, 3) and classes (N,) of its points."""
         config = self.config
         _check(frame)
-        clock = _Clock()
         frame = thin(frame, config.max_pixels)
         depth = depth_in_metres(frame.depth)
         depth = smooth(depth, depth_noise(depth))
@@ -181,31 +214,15 @@ class RgbdMapper:
         kept = np.flatnonzero(near[some])
         flat = np.take(points[:, *some].reshape(3, -1), kept, axis=1)
         kinds = labels[some].reshape(-1)[kept]
-        if isinstance(self.grid, EvidenceGrid):
-            seen = Evidence(
-                points=flat,
-                is_floor=kinds == FLOOR,
-                is_solid=(kinds != FLOOR) & (kinds != CEILING),
-                camera=camera,
-                rays=self._rays(points, depth, camera),
-                robot=self._on_floor(frame),
-            )
-            self.grid.update(seen)
-        clock.lap('grid')
-
-        self.cloud.merge(flat, frame.color[some].reshape(-1, 3)[kept], kinds)
-        clock.lap('cloud')
-        self.frames += 1
-        self.stamp = max(self.stamp, frame.stamp)
-        self.position = frame.pose[:2]
-        if isinstance(self.grid, MajorityGrid):
-            every = config.relabel_every
-            if self._whole is not None and every and self.frames % every == 0:
-                self._relabel(self._whole)
-                clock.lap('segmentation')
-            self.grid.project(self.cloud.points())
-            clock.lap('grid')
-        self.timings = clock.laps
+        seen = Evidence(
+            points=flat,
+            is_floor=kinds == FLOOR,
+            is_solid=(kinds != FLOOR) & (kinds != CEILING),
+            camera=camera,
+            rays=self._rays(points, depth, camera),
+            robot=self._on_floor(frame),
+        )
+        return seen, frame.color[some].reshape(-1, 3)[kept], kinds
 
     def finish(self) -> None:
         """Do what is done once all frames are there: a model of whole clouds labels the cloud."""

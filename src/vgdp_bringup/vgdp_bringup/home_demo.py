@@ -23,11 +23,13 @@ from vgdp_bringup.watcher import RunWatcher
 from vgdp_experiments.search.loop import (
     BLOCKED_AFTER,
     CLOSER_LOOK_CELLS,
+    GOAL_REACH_M,
     GOAL_TOLERANCE_M,
+    IMAGE_WIDTH,
     ROBOT_RADIUS_M,
     STEP_M,
-    mapper_config,
 )
+from vgdp_experiments.search.mapping import mapper_config
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -37,8 +39,6 @@ VIEWS = 12
 
 WAIT_S = 30.0
 """The robot stands still meanwhile, so no view need be left out."""
-
-IMAGE_WIDTH = 480
 
 HOMES_SEED = 1
 """Of the homes; the seed of the demo says which of them."""
@@ -157,6 +157,7 @@ def mapper_parameters(scene: Path, segmenter: str) -> dict[str, object]:
         'growth': config.growth,
         'free_below': config.free_below,
         'max_range': config.max_range,
+        'fit_floor': str(config.fit_floor).lower(),
         'views_per_step': VIEWS,
         'reliable_images': True,
         'wait': WAIT_S,
@@ -171,6 +172,7 @@ def planner_parameters(seed: int) -> dict[str, object]:
         'robot_radius': ROBOT_RADIUS_M,
         'planning_resolution': STEP_M,
         'goal_tolerance': GOAL_TOLERANCE_M,
+        'goal_reach': GOAL_REACH_M,
         'blocked_after': BLOCKED_AFTER,
         'closer_look': CLOSER_LOOK_CELLS,
     }

@@ -17,6 +17,7 @@ from vgdp_experiments.methods.registry import PLANNERS, REFERENCES, VARIANTS
 from vgdp_experiments.planner_options import load_planner
 from vgdp_experiments.report import current_versions
 from vgdp_experiments.scores import Trial
+from vgdp_experiments.search.home_setting import HomeSetting
 from vgdp_experiments.settings import Setting
 from vgdp_planner.weights import MODEL_FILE, SHIPPED, WeightsError, read_record
 
@@ -32,6 +33,9 @@ DECIMALS = 3
 
 HASH_LENGTH = 16
 """Digits of a hash that are kept."""
+
+
+AnySetting = Setting | HomeSetting
 
 
 class PartError(ValueError):
@@ -55,7 +59,7 @@ class Variant:
 
 @dataclass(frozen=True)
 class Job:
-    """One method on some mazes of a trial.
+    """One method on some mazes of a trial, or on some searches of a scene.
 
     Attributes:
         suite: The evaluation that it is a part of.
@@ -70,7 +74,7 @@ class Job:
 
     suite: str
     place: str
-    setting: Setting
+    setting: AnySetting
     name: str
     variant: Variant
     trial: int
@@ -80,8 +84,8 @@ class Job:
     @property
     def title(self) -> str:
         """What it is in a few words."""
-        last = self.first + self.episodes - 1
-        return f'{self.name}, {self.place}, trial {self.trial}, mazes {self.first} to {last}'
+        last, unit = self.first + self.episodes - 1, self.setting.unit
+        return f'{self.name}, {self.place}, trial {self.trial}, {unit} {self.first} to {last}'
 
     @property
     def file_name(self) -> str:
@@ -99,10 +103,16 @@ class Job:
         return cls(
             **values
             | {
-                'setting': Setting.from_dict(values['setting']),
+                'setting': setting_from_dict(values['setting']),
                 'variant': Variant(**values['variant']),
             }
         )
+
+
+def setting_from_dict(values: dict[str, Any]) -> AnySetting:
+    """Build a setting from its `to_dict`'s output."""
+    kind: type[AnySetting] = HomeSetting if 'scene' in values else Setting
+    return kind.from_dict(values)
 
 
 @dataclass(frozen=True)
@@ -211,6 +221,7 @@ class Machinery:
         device: Where the networks run.
         threads: CPU threads of the networks; PyTorch's choice if None.
         batch: Episodes run at once.
+        data: Folder of the scenes, for evaluations in these.
     """
 
     weights: Path | None = None
@@ -218,6 +229,7 @@ class Machinery:
     device: str = 'cpu'
     threads: int | None = None
     batch: int = 100
+    data: Path | None = None
 
 
 def weights_of(variant: Variant, machinery: Machinery) -> dict[str, str]:
@@ -268,6 +280,9 @@ def run_job(job: Job, machinery: Machinery, on_finished: Callable[[int], object]
         threads=machinery.threads,
         settings=list(variant.planner.items()),
     )
+    if isinstance(setting, HomeSetting):
+        trial, settings = _search(job, setting, machinery, args, on_finished)
+        return Part(job, weights_of(variant, machinery), settings, trial)
     method = (
         REFERENCES[variant.method](setting.mazes(range(end), job.trial))
         if variant.method in REFERENCES
@@ -287,3 +302,22 @@ def run_job(job: Job, machinery: Machinery, on_finished: Callable[[int], object]
         on_finished=on_finished,
     )
     return Part(job, weights_of(variant, machinery), method.settings, trial)
+
+
+def _search(
+    job: Job,
+    setting: HomeSetting,
+    machinery: Machinery,
+    args: argparse.Namespace,
+    on_finished: Callable[[int], object],
+) -> tuple[Trial, dict[str, Any]]:
+    """Return what comes out of a job in a scene, and what shaped the decisions."""
+    # Loaded late: mazes need no reader of images.
+    from vgdp_experiments.search.evaluate import open_home, run_searches  # noqa: PLC0415
+
+    if machinery.data is None:
+        msg = f'{job.title} needs the folder of the scenes.'
+        raise ValueError(msg)
+    home = open_home(machinery.data, setting, job.trial)
+    numbers = range(job.first, job.first + job.episodes)
+    return run_searches(home, job.variant.method, args, job.trial, numbers, on_finished)

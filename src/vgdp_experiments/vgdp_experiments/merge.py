@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vgdp_experiments.results import Results, ResultsError, load_parts
-from vgdp_experiments.suites import ablation, belief, curves, localisation, table, worlds
+from vgdp_experiments.suites import ablation, avd, belief, curves, localisation, table, worlds
 from vgdp_experiments.sweep import add_selection, selected
 
 if TYPE_CHECKING:
@@ -18,7 +19,14 @@ if TYPE_CHECKING:
 
 SUITES = {
     suite.name: suite
-    for suite in (table.SUITE, ablation.SUITE, worlds.SUITE, curves.SUITE, belief.SUITE)
+    for suite in (
+        table.SUITE,
+        ablation.SUITE,
+        worlds.SUITE,
+        curves.SUITE,
+        belief.SUITE,
+        *avd.SUITES.values(),
+    )
 }
 """The evaluations that are made of parts."""
 
@@ -77,7 +85,12 @@ def run(args: argparse.Namespace) -> int:
         OSError: If the files can't be written.
     """
     parts = load_parts(args.folders)
-    jobs = selected(SUITES[parts[0].job.suite], args)
+    suite = SUITES[parts[0].job.suite]
+    there = {part.job.place: part.job.setting for part in parts}
+    if not there.keys() & suite.settings.keys():
+        # Of other scenes than those that an evaluation names.
+        suite = replace(suite, settings=there)
+    jobs = selected(suite, args)
     results = Results.join(parts, jobs)
     args.out.parent.mkdir(parents=True, exist_ok=True)
     results.save(args.out)

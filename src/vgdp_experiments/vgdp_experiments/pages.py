@@ -61,7 +61,7 @@ def origin(results: Results) -> str:
 
 def describe(place: PlaceResults) -> str:
     """Say where the robots were tried, and how often."""
-    return f'{place.setting.describe()}, {place.trials} × {place.episodes} mazes'
+    return f'{place.setting.describe()}, {place.trials} × {place.episodes} {place.setting.unit}'
 
 
 def details(place: PlaceResults) -> str:

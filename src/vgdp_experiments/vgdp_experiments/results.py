@@ -11,17 +11,17 @@ from vgdp_experiments.files import write_whole
 from vgdp_experiments.jobs import (
     Part,
     experts_to_dict,
+    setting_from_dict,
     trial_from_dict,
     trial_to_dict,
 )
 from vgdp_experiments.scores import MethodResults, Scores, Trial, score_methods
-from vgdp_experiments.settings import Setting
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from vgdp_experiments.jobs import Job
+    from vgdp_experiments.jobs import AnySetting, Job
 
 SCHEMA_VERSION = 1
 """Rises with any change after which older readers would misread the results."""
@@ -43,7 +43,7 @@ class PlaceResults:
         methods: Results by the method's name.
     """
 
-    setting: Setting
+    setting: AnySetting
     methods: dict[str, MethodResults]
 
     def scores(self) -> dict[str, Scores]:
@@ -266,7 +266,7 @@ def _place_to_dict(place: PlaceResults) -> dict[str, Any]:
 
 def _place_from_dict(values: dict[str, Any]) -> PlaceResults:
     return PlaceResults(
-        Setting.from_dict(values['setting']),
+        setting_from_dict(values['setting']),
         {
             name: MethodResults(
                 results['settings'],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -45,6 +45,8 @@ class Setting:
     map: str = ''
     slip: float = 0.0
     pose_noise: float = 0.0
+
+    unit: ClassVar[str] = 'mazes'
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Self:

@@ -9,12 +9,12 @@ from vgdp_experiments.jobs import Job, Variant
 from vgdp_experiments.results import Results
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from matplotlib.figure import Figure
 
-    from vgdp_experiments.settings import Setting
+    from vgdp_experiments.jobs import AnySetting
 
 BLOCK = 100
 """Mazes of a job: what is lost, at most, when a run is stopped."""
@@ -47,7 +47,7 @@ class Suite:
     """
 
     name: str
-    settings: dict[str, Setting]
+    settings: Mapping[str, AnySetting]
     variants: dict[str, Variant]
     page: Callable[[Results], Page]
     trials: int = 5

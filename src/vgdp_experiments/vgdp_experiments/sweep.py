@@ -78,16 +78,23 @@ def selected(suite: Suite, args: argparse.Namespace) -> list[Job]:
     )
 
 
-def add_arguments(suite: Suite, parser: argparse.ArgumentParser) -> None:
-    """Add the options of a command that runs an evaluation."""
-    add_selection(parser, suite)
+def add_arguments(suite: Suite, parser: argparse.ArgumentParser, *, chosen: bool = True) -> None:
+    """Add the options of a command that runs an evaluation.
+
+    Args:
+        suite: The evaluation.
+        parser: Gets the options.
+        chosen: Whether this is the evaluation for sure; else the options may name methods and
+            settings of others, too.
+    """
+    add_selection(parser, suite if chosen else None)
     parser.add_argument(
         '--out',
         type=Path,
         metavar='FOLDER',
         default=Path('runs', suite.name),
         help='where a file for each method, setting and trial goes; '
-        'what is there already is not run again (%(default)s)',
+        f'what is there already is not run again (runs/{suite.name})',
     )
     parser.add_argument(
         '--shard',
@@ -117,7 +124,10 @@ def run(suite: Suite, args: argparse.Namespace) -> int:
         OSError: If the folder can't be written.
     """
     threads = args.threads if args.workers == 1 else 1
-    machinery = Machinery(args.weights, args.calvin_weights, args.device, threads, args.batch)
+    data = vars(args).get('data')
+    machinery = Machinery(
+        args.weights, args.calvin_weights, args.device, threads, args.batch, data
+    )
     jobs = [_with_settings(job, dict(args.settings)) for job in selected(suite, args)]
     args.out.mkdir(parents=True, exist_ok=True)
     variants = {job.name: job.variant for job in jobs}

@@ -167,6 +167,10 @@ class PlanningCycle:
         if stamp >= self.start:
             self._goal = (stamp, x, y)
 
+    def forget_goal(self) -> None:
+        """Take back where the goal is: it was a mistake."""
+        self._goal = None
+
     def observation(self, *, overdue: bool = False) -> Observation | None:
         """Return what to plan on, or None if it is not time yet.
 
@@ -217,7 +221,7 @@ class PlanningCycle:
         """Plan on an observation; where that sees nowhere to go, on one that was reopened.
 
         Returns:
-            What was planned on in the end, and the plan.
+            What was planned on in the end, and the plan with those of its steps that may be sent.
         """
         plan = planner.plan(observation.grid.partial_map, observation.grid.start)
         while plan.status != 'ok':
@@ -226,7 +230,7 @@ class PlanningCycle:
                 break
             observation = again
             plan = planner.plan(again.grid.partial_map, again.grid.start)
-        return observation, plan
+        return observation, replace(plan, committed=self.to_send(plan.committed))
 
     def _grid_now(self) -> PlanningGrid:
         goal = None if self._goal is None else self._goal[1:]
@@ -294,6 +298,17 @@ class PlanningCycle:
     def position(self) -> Point | None:
         """Where the robot is, (x, y) in metres, if it is known."""
         return self._poses[max(self._poses)] if self._poses else None
+
+    def to_send(self, committed: Sequence[int]) -> list[int]:
+        """Return those of the committed steps that may be sent now.
+
+        Where a step that leads nowhere says at once that there is something, Done waits until the
+        robot is seen to have got to where it is said.
+        """
+        steps = list(committed)
+        if self._blocked_after == 1 and DONE in steps[1:]:
+            return steps[: steps.index(DONE)]
+        return steps
 
     def planned(self, observation: Observation, decision: Decision) -> None:
         """Note that actions were sent that were planned on an observation."""

@@ -157,6 +157,14 @@ class PlannerParameters:
         high=100.0,
         read_only=True,
     )
+    goal_reach: float = parameter(
+        0.0,
+        'Any place this near to the goal will do that was seen to be free',
+        unit='m',
+        low=0.0,
+        high=100.0,
+        read_only=True,
+    )
     blocked_after: int = parameter(
         BLOCKED_AFTER,
         'In lockstep, a place that so many steps did not get to counts as an obstacle',

@@ -83,6 +83,7 @@ class GridSettings:
             robot that moves by whole blocks can't use those.
         goal_tolerance: Where the goal is at an obstacle, the nearest place up to this far from it
             will do, in metres, and one a block and the robot's radius away in any case.
+        goal_reach: Any place this near to the goal will do that was seen to be free, in metres.
         center: A place, (x, y) in metres, that lies in the middle of a block; blocks begin at
             multiples of their side if None.
     """
@@ -92,6 +93,7 @@ class GridSettings:
     max_cells: int = 40_000
     keep_resolution: bool = False
     goal_tolerance: float = 0.0
+    goal_reach: float = 0.0
     center: Point | None = None
 
     @classmethod
@@ -102,11 +104,16 @@ class GridSettings:
         planning_resolution: float = 0.0,
         max_planning_cells: int = 40_000,
         goal_tolerance: float = 0.0,
+        goal_reach: float = 0.0,
         **_: object,
     ) -> GridSettings:
         """Return what parameters of the node say, of which all others are passed over."""
         return cls(
-            robot_radius, planning_resolution, max_planning_cells, goal_tolerance=goal_tolerance
+            robot_radius,
+            planning_resolution,
+            max_planning_cells,
+            goal_tolerance=goal_tolerance,
+            goal_reach=goal_reach,
         )
 
 
@@ -366,6 +373,8 @@ class _Coarsening:
         self._radius = settings.robot_radius
         self._center = settings.center
         self._goal_tolerance = settings.goal_tolerance
+        self._goal_reach = settings.goal_reach
+        self._goal_place = goal
         self._robot = np.array(robot)
         self._goal = None if goal is None else np.array(geometry.cell_at(*goal))
         known = occupancy > UNKNOWN_VALUE
@@ -424,9 +433,9 @@ class _Coarsening:
         labels, _ = ndimage.label(clear)
         start = self._start(clear, labels, self._robot + to_window, factor)
         is_ground = labels == labels[start]
-        goal, state = self._place_goal(is_ground, clear, to_window, factor)
-
         seen_free = (values >= FREE_VALUE) & (values <= FREE_UP_TO)
+        goal, state = self._place_goal(is_ground, seen_free, clear, to_window, factor)
+
         places = [place for place in (goal, start) if place]
         pieces = _Pieces(is_ground, seen_free, factor, places)
         blocks = _reached_blocks(pieces, _block(start, factor))
@@ -447,6 +456,9 @@ class _Coarsening:
         # A goal out of reach is not shown in a block that the robot can go to.
         if goal is not None and (state == 'ok' or not blocks[_block(goal, factor)]):
             partial_map[(GOAL, *_block(goal, factor))] = 1.0
+        if state == 'ok':
+            free = partial_map[FREE] > 0
+            partial_map[GOAL][self._within_reach(geometry) & blocks & free] = 1.0
         ground = Ground(clear, standable, fine, factor, start, goal if state == 'ok' else None)
         return PlanningGrid(
             partial_map, geometry, _block(start, factor), factor, state, lost, ground
@@ -497,11 +509,16 @@ class _Coarsening:
     def _place_goal(
         self,
         is_ground: NDArray[np.bool_],
+        seen_free: NDArray[np.bool_],
         clear: NDArray[np.bool_],
         to_window: NDArray[np.int64],
         factor: int,
     ) -> tuple[Cell | None, GoalState]:
-        """Return the cell of the goal, or of the nearest ground where an obstacle is too near."""
+        """Return the cell of the goal, or of the nearest ground where an obstacle is too near.
+
+        Ground that was seen is preferred where it is in reach, or no more than a block further
+        away: what was not seen may lie behind a wall.
+        """
         if self._goal is None:
             return None, 'none'
         goal = self._goal + to_window
@@ -513,8 +530,23 @@ class _Coarsening:
         cells, distances = self._clear_around(is_ground, goal, max(self._reach(factor), tolerance))
         if not len(cells):
             return None, 'occupied'
+        seen = seen_free[tuple(cells.T)]
+        enough = max(self._goal_reach / self._geometry.resolution, distances.min() + factor)
+        if distances[seen].min(initial=np.inf) <= enough:
+            distances[~seen] = np.inf
         row, col = cells[distances.argmin()].tolist()
         return (row, col), 'ok'
+
+    def _within_reach(self, geometry: GridGeometry) -> NDArray[np.bool_]:
+        """Tell which blocks have their middle in reach of the goal, (H, W)."""
+        if self._goal_place is None:
+            return np.zeros(geometry.shape, dtype=np.bool_)
+        x, y = self._goal_place
+        side = geometry.resolution
+        across = geometry.origin_x + (np.arange(geometry.cols) + 0.5) * side - x
+        along = geometry.origin_y + (np.arange(geometry.rows) + 0.5) * side - y
+        within: NDArray[np.bool_] = np.hypot(along[:, None], across) < self._goal_reach
+        return within
 
     def _reach(self, factor: int) -> int:
         return math.ceil(self._radius / self._geometry.resolution) + factor

@@ -13,45 +13,35 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avd_player.sources import mounted_pose
-from bev_mapper.rgbd_mapper import MapperConfig, RgbdMapper
-from gridnav import DONE, GridGeometry
+from gridnav import DONE
 from gridnav.metrics import Outcome
-from gridnav.rgbd import Pose3D
+from vgdp_experiments.search.mapping import SceneMapper
+from vgdp_experiments.search.noise import Sensors
 from vgdp_experiments.search.searchers import Sight
 from vgdp_planner.cycle import Decision, PlanningCycle
-from vgdp_planner.planning_grid import GridSettings
+from vgdp_planner.planning_grid import GridSettings, OccupiedError, OutsideMapError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from avd_player.simulation import ActiveVisionSimulation
-    from bev_mapper.segmentation import Segmenter
     from gridnav.metrics import EpisodeResult
     from gridnav.rgbd import RgbdFrame
     from vgdp_experiments.search.searchers import Searcher
     from vgdp_planner.cycle import Observation
 
+IMAGE_WIDTH = 480
+"""Pixels."""
+
 STEP_M = 0.3
 """Side of the grid of positions."""
-
-MAP_CELL_M = 0.1
-MAP_CELLS = 45
-"""The map begins with so many rows and columns."""
-
-GROWTH_CELLS = 15
-"""It grows by whole blocks."""
-
-FREE_BELOW_M = 1.2
-"""The camera does not see the floor beside the robot. What it looks over from all around is taken
-to be free, rather than searched step by step."""
-
-MAPPED_RANGE_M = 3.0
-"""What is further away is not mapped: a bottle there would not be seen yet."""
 
 ROBOT_RADIUS_M = 0.2
 GOAL_TOLERANCE_M = 1.5
 """Bottles stand on tables and counters."""
+
+GOAL_REACH_M = 0.8
+"""Done succeeds within 1 m, and where a bottle was seen to be may be wrong by some decimetres."""
 
 BLOCKED_AFTER = 1
 """Moves of a scene's robot do not slip: where one leads nowhere there is something."""
@@ -60,18 +50,6 @@ CLOSER_LOOK_CELLS = 3
 """A bottle is not seen from as far as floor and walls are."""
 
 NANOSECONDS_A_STEP = 1_000_000_000
-
-
-def mapper_config() -> MapperConfig:
-    """Return how a home is mapped: the positions lie in the middle of cells."""
-    corner = -MAP_CELL_M * MAP_CELLS / 2
-    geometry = GridGeometry(MAP_CELLS, MAP_CELLS, MAP_CELL_M, corner, corner)
-    return MapperConfig(
-        geometry=geometry,
-        growth=GROWTH_CELLS,
-        free_below=FREE_BELOW_M,
-        max_range=MAPPED_RANGE_M,
-    )
 
 
 @dataclass(frozen=True)
@@ -92,33 +70,51 @@ def search(
     searcher: Searcher,
     seed: int,
     *,
-    segmenter: Segmenter | None = None,
+    mapper: SceneMapper | None = None,
     start: int | None = None,
     on_step: Callable[[SearchStep], None] | None = None,
 ) -> EpisodeResult:
     """Search a scene once, from a start drawn from the seed.
 
+    Done is said only where the goal is confirmed: one that the robot got to without being sure of
+    it is given up instead, and the search goes on.
+
     Args:
         simulation: The scene and what is looked for.
         searcher: Decides.
         seed: Of the start, and of what the searcher draws.
-        segmenter: What the mapper tells floor from obstacles by, the geometric one if None.
+        mapper: Maps what the robot senses; one for all searches of a scene saves most of the
+            time. The scene as it is, mapped anew, if None.
         start: Index of the position to start from instead.
         on_step: Called after each decision.
     """
+    mapper = mapper or SceneMapper(Sensors(simulation.scene))
+    mapper.clear()
     simulation.restart(seed, start)
     searcher.reset(seed)
-    mapper = RgbdMapper(mapper_config(), segmenter)
-    settings = GridSettings(ROBOT_RADIUS_M, STEP_M, goal_tolerance=GOAL_TOLERANCE_M)
+    settings = GridSettings(
+        ROBOT_RADIUS_M, STEP_M, goal_tolerance=GOAL_TOLERANCE_M, goal_reach=GOAL_REACH_M
+    )
     cycle = PlanningCycle(settings, BLOCKED_AFTER, CLOSER_LOOK_CELLS)
     cycle.begin(0)
     stamp = 0
     _take_in(simulation, mapper, cycle, stamp)
     while simulation.outcome is Outcome.RUNNING:
-        observation, committed = _decide(cycle, searcher, partial(_views, simulation, stamp))
+        try:
+            observation, committed = _decide(
+                cycle, searcher, partial(_views, simulation, mapper.sensors, stamp)
+            )
+        except (OccupiedError, OutsideMapError):
+            # What is mapped leaves no place for the robot, and standing still changes nothing.
+            committed = []
         if not committed:
             simulation.give_up()
             break
+        committed = cycle.to_send(committed)
+        if committed == [DONE] and simulation.goal and not simulation.sightings.confirmed:
+            simulation.doubt()
+            _say_goal(simulation, cycle, stamp)
+            continue
         grid = observation.grid
         cycle.planned(
             observation,
@@ -153,30 +149,26 @@ def _decide(
     return observation, committed
 
 
-def _views(simulation: ActiveVisionSimulation, stamp: int) -> list[RgbdFrame]:
-    """Return what the robot sees now."""
-    scene = simulation.scene
-    return [
-        replace(
-            scene.frame(name),
-            stamp=stamp,
-            pose=mounted_pose(scene.source, name),
-            mount=scene.source.mount,
-        )
-        for name in simulation.looked_at
-    ]
+def _views(simulation: ActiveVisionSimulation, sensors: Sensors, stamp: int) -> list[RgbdFrame]:
+    """Return what the robot sees now; images that can't be read are left out."""
+    frames = [sensors.frame(name) for name in simulation.looked_at]
+    return [replace(frame, stamp=stamp) for frame in frames if frame is not None]
 
 
 def _take_in(
-    simulation: ActiveVisionSimulation, mapper: RgbdMapper, cycle: PlanningCycle, stamp: int
+    simulation: ActiveVisionSimulation, mapper: SceneMapper, cycle: PlanningCycle, stamp: int
 ) -> None:
     """Map what the robot sees now, and tell the cycle of it."""
-    pose = Pose3D()
-    for frame in _views(simulation, stamp):
-        mapper.add(frame)
-        pose = frame.pose
+    mapper.look(simulation.looked_at)
+    pose = mapper.sensors.pose(simulation.heading_name)
     cycle.add_pose(stamp, pose.x, pose.y)
     cycle.add_map(stamp, mapper.grid.occupancy, mapper.grid.geometry)
+    _say_goal(simulation, cycle, stamp)
+
+
+def _say_goal(simulation: ActiveVisionSimulation, cycle: PlanningCycle, stamp: int) -> None:
     goal = simulation.goal
-    if goal is not None:
+    if goal is None:
+        cycle.forget_goal()
+    else:
         cycle.set_goal(stamp, goal[0], goal[1])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -50,6 +50,7 @@ class PlannerSearcher:
     """
 
     def __init__(self, planner: ValueGuidedPlanner) -> None:
+        self.settings: dict[str, Any] = planner.config.to_dict()
         self._planner = planner
 
     def reset(self, seed: int) -> None:

@@ -10,8 +10,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from gridnav.partial_map import FREE_VALUE, OCCUPIED_VALUE, UNKNOWN_VALUE
+from gridnav.partial_map import UNKNOWN_VALUE
 from gridnav.rgbd import CLASSES
+from vgdp_experiments.plots import draw_map
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -21,9 +22,6 @@ if TYPE_CHECKING:
 
     from bev_mapper.voxel_cloud import CloudPoints
     from vgdp_bringup.mapping import Mapping
-
-CELL_COLORS = {UNKNOWN_VALUE: '#dfe3ea', FREE_VALUE: '#ffffff', OCCUPIED_VALUE: '#3b4252'}
-"""As in the pictures of mazes."""
 
 PATH, START = '#3b7dd8', '#d64545'
 BACKGROUND = 255
@@ -76,15 +74,8 @@ def _extent(mapping: Mapping) -> tuple[float, float, float, float]:
 
 
 def _draw_plan(axes: Axes, mapping: Mapping) -> None:
-    grid, geometry = mapping.mapper.grid, mapping.mapper.grid.geometry
-    picture = np.zeros((*geometry.shape, 3), dtype=np.uint8)
-    for value, color in CELL_COLORS.items():
-        picture[grid.occupancy == value] = list(bytes.fromhex(color[1:]))
-    east = geometry.origin_x + geometry.cols * geometry.resolution
-    north = geometry.origin_y + geometry.rows * geometry.resolution
-    extent = (geometry.origin_x, east, geometry.origin_y, north)
-    axes.imshow(picture, origin='lower', extent=extent, interpolation='nearest')
-    axes.set_facecolor(CELL_COLORS[UNKNOWN_VALUE])
+    grid = mapping.mapper.grid
+    draw_map(axes, grid.occupancy, grid.geometry)
     if mapping.way:
         x, y = zip(*mapping.way, strict=True)
         axes.plot(x, y, '.-', color=PATH, linewidth=1.2, markersize=4, label='camera')

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
+
+from gridnav.partial_map import FREE_VALUE, OCCUPIED_VALUE, UNKNOWN_VALUE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from matplotlib.axes import Axes
+    from numpy.typing import NDArray
 
+    from gridnav import GridGeometry
     from vgdp_experiments.scores import Scores
 
 INK, FAINT = '#2b303b', '#8a93a3'
 COLORS = ('#3b7dd8', '#f08c2e', '#2f9e77', '#8e5bb5')
 SHADE = 0.18
+CELL_COLORS = {UNKNOWN_VALUE: '#dfe3ea', FREE_VALUE: '#ffffff', OCCUPIED_VALUE: '#3b4252'}
 
 
 def panels(count: int, title: str) -> tuple[Figure, list[Axes]]:
@@ -95,3 +101,15 @@ def mark_greedy(axes: Axes, y: float) -> None:
 def legend(axes: Axes) -> None:
     """Say what the curves of a panel are."""
     axes.legend(frameon=False, fontsize=9, labelcolor=INK)
+
+
+def draw_map(axes: Axes, occupancy: NDArray[np.int8], geometry: GridGeometry) -> None:
+    """Draw a map of -1, 0 and 100 (H, W) where it lies, in metres."""
+    picture = np.zeros((*geometry.shape, 3), dtype=np.uint8)
+    for value, color in CELL_COLORS.items():
+        picture[occupancy == value] = list(bytes.fromhex(color[1:]))
+    east = geometry.origin_x + geometry.cols * geometry.resolution
+    north = geometry.origin_y + geometry.rows * geometry.resolution
+    extent = (geometry.origin_x, east, geometry.origin_y, north)
+    axes.imshow(picture, origin='lower', extent=extent, interpolation='nearest')
+    axes.set_facecolor(CELL_COLORS[UNKNOWN_VALUE])

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from gridnav import DONE, Outcome
-from gridnav.partial_map import FREE_VALUE, OCCUPIED_VALUE, UNKNOWN_VALUE
 from vgdp_experiments import plots
 from vgdp_experiments.search.evaluate import open_home
 from vgdp_experiments.search.home_setting import HomeSetting
@@ -18,7 +17,6 @@ from vgdp_experiments.search.registry import SEARCHERS
 if TYPE_CHECKING:
     import argparse
 
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from avd_player.simulation import ActiveVisionSimulation
@@ -27,7 +25,6 @@ if TYPE_CHECKING:
     from vgdp_experiments.search.loop import SearchStep
     from vgdp_experiments.search.searchers import Searcher
 
-CELL_COLORS = {UNKNOWN_VALUE: '#dfe3ea', FREE_VALUE: '#ffffff', OCCUPIED_VALUE: '#3b4252'}
 PATH, SEEN, START, TARGET = '#3b7dd8', '#f08c2e', '#2f9e77', '#d64545'
 
 DEFAULT_OUT = Path('search.png')
@@ -110,7 +107,8 @@ def draw(found: Search, home: Home, title: str) -> Figure:
     figure, (axes,) = plots.panels(1, title)
     figure.set_size_inches(7.0, 7.0)
     axes.grid(visible=False)
-    _draw_map(axes, home)
+    grid = home.mapper.grid
+    plots.draw_map(axes, grid.occupancy, grid.geometry)
     axes.plot(*positions.T, '.', color=plots.FAINT, ms=2, label='positions')
     way = positions[found.way]
     axes.plot(*way.T, '-', color=PATH, lw=2, label='way')
@@ -130,18 +128,6 @@ def draw(found: Search, home: Home, title: str) -> Figure:
     axes.set_title(explain(found, simulation), loc='left', color=plots.INK, size=9, wrap=True)
     axes.legend(fontsize=8, loc='upper left', framealpha=0.8)
     return figure
-
-
-def _draw_map(axes: Axes, home: Home) -> None:
-    grid, geometry = home.mapper.grid, home.mapper.grid.geometry
-    picture = np.zeros((*geometry.shape, 3), dtype=np.uint8)
-    for value, color in CELL_COLORS.items():
-        picture[grid.occupancy == value] = list(bytes.fromhex(color[1:]))
-    east = geometry.origin_x + geometry.cols * geometry.resolution
-    north = geometry.origin_y + geometry.rows * geometry.resolution
-    extent = (geometry.origin_x, east, geometry.origin_y, north)
-    axes.imshow(picture, origin='lower', extent=extent, interpolation='nearest')
-    axes.set_facecolor(CELL_COLORS[UNKNOWN_VALUE])
 
 
 def draw_search(args: argparse.Namespace) -> int:

@@ -157,7 +157,7 @@ def mapper_parameters(scene: Path, segmenter: str) -> dict[str, object]:
         'growth': config.growth,
         'free_below': config.free_below,
         'max_range': config.max_range,
-        'fit_floor': str(config.fit_floor).lower(),
+        'fit_floor': config.fit_floor,
         'views_per_step': VIEWS,
         'reliable_images': True,
         'wait': WAIT_S,

@@ -82,7 +82,7 @@ def _draw_plan(axes: Axes, mapping: Mapping) -> None:
         axes.plot(x[0], y[0], 'o', color=START, markersize=6, label='start')
         axes.legend(loc='lower right', fontsize=8, framealpha=0.7)
     axes.set_title(
-        f'{mapping.name}: floor plan, cells of {100 * geometry.resolution:g} cm '
+        f'{mapping.name}: floor plan, cells of {100 * grid.geometry.resolution:g} cm '
         f'({mapping.mapper.segmenter})'
     )
 

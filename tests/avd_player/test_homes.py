@@ -14,10 +14,10 @@ from PIL import Image
 from scipy import ndimage
 from scipy.io import loadmat
 
-from avd_player.avd_format import DEFAULT_LENS, STRUCT_FIELDS
+from avd_player.avd_format import DEFAULT_LENS, INSTANCES, STRUCT_FIELDS
 from avd_player.homes.furniture import CEILING, FLOOR, WALL
 from avd_player.homes.home import FREE, OCCUPIED, OUTSIDE
-from avd_player.homes.instances import BOTTLE, BOTTLE_ID, INSTANCE_NAMES
+from avd_player.homes.instances import BOTTLE, BOTTLE_ID
 from avd_player.homes.noise import DepthNoise, add_noise
 from avd_player.homes.plan import draw_home
 from avd_player.homes.rays import NOTHING, Caster
@@ -305,7 +305,7 @@ def test_files_beside_the_images(scene: Path) -> None:
     assert len(line) == 12
     names = (scene / 'present_instance_names.txt').read_text().split()
     assert BOTTLE in names
-    assert set(names) <= set(INSTANCE_NAMES)
+    assert set(names) <= set(INSTANCES)
     truth = json.loads((scene / 'ground_truth.json').read_text())
     arrays = np.load(scene / 'ground_truth.npz')
     np.testing.assert_array_equal(arrays['plan'], scan().home.plan.cells)

@@ -73,13 +73,17 @@ class Calvin(nn.Module):
     Two things differ from theirs, both to its advantage here. R̂_m of a step is never positive:
     learned freely it is, as imitation asks for moves and not for short ways, and then walking in
     a circle pays. And the network of the available actions is told what lies off the map.
+
+    Args:
+        config: Sizes and hyperparameters.
+        inputs: Channels of a map, with one that tells what lies off it.
     """
 
-    def __init__(self, config: CalvinConfig) -> None:
+    def __init__(self, config: CalvinConfig, inputs: int = 4) -> None:
         super().__init__()
         self.config = config
         self.availability = nn.Sequential(
-            nn.Conv2d(4, config.channels, KERNEL_SIDE, padding=KERNEL_SIDE // 2),
+            nn.Conv2d(inputs, config.channels, KERNEL_SIDE, padding=KERNEL_SIDE // 2),
             nn.ReLU(),
             nn.Conv2d(config.channels, NUM_ACTIONS + 1, 1),
         )
@@ -100,11 +104,16 @@ class Calvin(nn.Module):
         logits, threshold = embedding[:, :NUM_ACTIONS], embedding[:, NUM_ACTIONS:]
         available = torch.sigmoid(logits - threshold)
         kernels = self.log_kernels().exp()
+        q_values = self._iterate(self.rewards(available), available, kernels)
+        return CalvinValues(q_values, logits, available)
+
+    def rewards(self, available: Tensor) -> Tensor:
+        """Return R̂(s, a) of actions as available as that, (B, A, H, W)."""
+        kernels = self.log_kernels().exp()
         step_rewards = -(kernels * functional.softplus(self.step_cost)).sum(dim=1)
         motion_rewards = torch.cat([step_rewards, self.done_reward])[:, None, None]
         failure_reward = -functional.softplus(self.failure_cost)
-        rewards = available * motion_rewards + (1 - available) * failure_reward
-        return CalvinValues(self._iterate(rewards, available, kernels), logits, available)
+        return available * motion_rewards + (1 - available) * failure_reward
 
     def _iterate(self, rewards: Tensor, available: Tensor, kernels: Tensor) -> Tensor:
         """Return Q(s, a) = R̂ + γ Â Σ_s' T̂(s'|s, a) max_a' Q(s', a') after K rounds, (B, A, H, W).

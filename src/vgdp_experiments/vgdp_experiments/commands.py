@@ -17,6 +17,10 @@ GROUPS: dict[str, tuple[str, dict[str, tuple[str, str]]]] = {
         'make training data',
         {
             'expert': ('vgdp_experiments.data', 'expert episodes in mazes'),
+            'homes-expert': (
+                'vgdp_experiments.search.learned.demonstrations',
+                'searches of homes, with what an expert would do',
+            ),
             'homes-views': (
                 'vgdp_experiments.home_views',
                 'views of synthetic homes with the classes of their pixels',
@@ -36,6 +40,26 @@ GROUPS: dict[str, tuple[str, dict[str, tuple[str, str]]]] = {
             'segmentation': (
                 'vgdp_experiments.train_segmentation',
                 'the segmentation of RGB-D frames',
+            ),
+            'search-object': (
+                'vgdp_experiments.search.learned.train_object',
+                'what the unseen is worth in a search, by what stands in view',
+            ),
+            'search-rgbd': (
+                'vgdp_experiments.search.learned.train_rgbd',
+                'the planner that reads the images of a search, too',
+            ),
+            'search-calvin-2d': (
+                'vgdp_experiments.search.learned.train_calvin_2d',
+                'CALVIN on the maps of a search',
+            ),
+            'search-no-projector': (
+                'vgdp_experiments.search.learned.train_no_projector',
+                'the planner on a learned lattice',
+            ),
+            'search-calvin-3d': (
+                'vgdp_experiments.search.learned.train_calvin_3d',
+                'CALVIN on a learned lattice, with headings',
             ),
             'join': ('vgdp_experiments.join', 'join both into the weights of a planner'),
         },

@@ -222,6 +222,8 @@ class Machinery:
         threads: CPU threads of the networks; PyTorch's choice if None.
         batch: Episodes run at once.
         data: Folder of the scenes, for evaluations in these.
+        learned_weights: Folder with those of the methods that are learned for searches, in a
+            folder for each; those shipped if None.
     """
 
     weights: Path | None = None
@@ -230,6 +232,7 @@ class Machinery:
     threads: int | None = None
     batch: int = 100
     data: Path | None = None
+    learned_weights: Path | None = None
 
 
 def weights_of(variant: Variant, machinery: Machinery) -> dict[str, str]:
@@ -242,6 +245,12 @@ def weights_of(variant: Variant, machinery: Machinery) -> dict[str, str]:
         return {'planner': hash_of(machinery.weights or SHIPPED)}
     if variant.method == 'calvin':
         return {'calvin': hash_of(machinery.calvin_weights or calvin.SHIPPED)}
+    if machinery.data is not None:
+        # Loaded late: mazes need no reader of images.
+        from vgdp_experiments.search.learned import used_weights  # noqa: PLC0415
+
+        folders = used_weights(variant.method, machinery.learned_weights)
+        return {owner: hash_of(folder) for owner, folder in folders.items()}
     return {}
 
 
@@ -279,6 +288,7 @@ def run_job(job: Job, machinery: Machinery, on_finished: Callable[[int], object]
         device=machinery.device,
         threads=machinery.threads,
         settings=list(variant.planner.items()),
+        learned_weights=machinery.learned_weights,
     )
     if isinstance(setting, HomeSetting):
         trial, settings = _search(job, setting, machinery, args, on_finished)

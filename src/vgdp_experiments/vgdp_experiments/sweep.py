@@ -124,9 +124,15 @@ def run(suite: Suite, args: argparse.Namespace) -> int:
         OSError: If the folder can't be written.
     """
     threads = args.threads if args.workers == 1 else 1
-    data = vars(args).get('data')
+    options = vars(args)
     machinery = Machinery(
-        args.weights, args.calvin_weights, args.device, threads, args.batch, data
+        args.weights,
+        args.calvin_weights,
+        args.device,
+        threads,
+        args.batch,
+        options.get('data'),
+        options.get('learned_weights'),
     )
     jobs = [_with_settings(job, dict(args.settings)) for job in selected(suite, args)]
     args.out.mkdir(parents=True, exist_ok=True)

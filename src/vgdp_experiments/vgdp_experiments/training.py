@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from vgdp_experiments.parallel import Team
+    from vgdp_experiments.search.learned.training import SearchTraining
     from vgdp_experiments.train_calvin import CalvinTraining
     from vgdp_experiments.train_policy import PolicyTraining
     from vgdp_experiments.train_segmentation import SegmentationTraining
@@ -111,7 +112,11 @@ def optimise(
     model: nn.Module,
     objective: nn.Module,
     inputs: Callable[[int], Sequence[tuple[Tensor, ...]]],
-    settings: PolicyTraining | PaperValueTraining | CalvinTraining | SegmentationTraining,
+    settings: PolicyTraining
+    | PaperValueTraining
+    | CalvinTraining
+    | SegmentationTraining
+    | SearchTraining,
     team: Team,
     *,
     weight_decay: float = 0.0,

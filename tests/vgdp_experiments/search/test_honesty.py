@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.filterwarnings('ignore:Home_113_1')
 
-METHODS = ('vgdp', 'greedy', 'frontier')
+METHODS = ('vgdp', 'greedy', 'vgdp_object', 'vgdp_rgbd', 'calvin_2d', 'frontier')
 
 
 class Watched:
@@ -60,7 +60,9 @@ def searched(scene: Scene, rules: SearchRules, name: str, options: argparse.Name
 @pytest.fixture(scope='module')
 def options() -> argparse.Namespace:
     """Return the options for the shipped weights."""
-    return argparse.Namespace(weights=None, device='cpu', threads=None, settings=[])
+    return argparse.Namespace(
+        weights=None, device='cpu', threads=None, settings=[], learned_weights=None
+    )
 
 
 @pytest.mark.parametrize('name', METHODS)

@@ -22,7 +22,7 @@ class Thing(NamedTuple):
     """Something that is looked for.
 
     Attributes:
-        number: Its instance, as in `INSTANCE_NAMES`.
+        number: Its instance, as in `INSTANCES`.
         center: Its middle in metres.
         points: Places on its surface and the normals there, (N, 6).
     """

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avd_player.avd_format import INSTANCES
 from avd_player.homes import textures
 from avd_player.homes.furniture import CLUTTER
 from avd_player.homes.mesh import Mesh, box, join, lathe
@@ -22,63 +23,58 @@ _RED, _BROWN, _GREEN = (0.78, 0.1, 0.1), (0.32, 0.18, 0.1), (0.2, 0.5, 0.25)
 _YELLOW, _BLUE, _WHITE = (0.9, 0.75, 0.15), (0.15, 0.3, 0.65), (0.92, 0.92, 0.9)
 _PINK, _CREAM, _BLACK = (0.95, 0.5, 0.65), (0.85, 0.75, 0.5), (0.12, 0.12, 0.12)
 
-_SHAPES: tuple[tuple[str, str, tuple[float, float, float], Colour], ...] = (
-    # name, shape, width, depth and height in metres, colour
-    ('advil_liqui_gels', 'box', (0.06, 0.05, 0.11), _BLUE),
-    ('aunt_jemima_original_syrup', 'bottle', (0.08, 0.08, 0.25), _BROWN),
-    ('bumblebee_albacore', 'can', (0.085, 0.085, 0.04), _YELLOW),
-    ('cholula_chipotle_hot_sauce', 'bottle', (0.045, 0.045, 0.18), (0.6, 0.2, 0.1)),
-    (BOTTLE, 'cola', (0.06, 0.06, 0.21), (0.1, 0.035, 0.02)),
-    ('crest_complete_minty_fresh', 'box', (0.2, 0.045, 0.05), _BLUE),
-    ('crystal_hot_sauce', 'bottle', (0.05, 0.05, 0.19), (0.75, 0.15, 0.1)),
-    ('expo_marker_red', 'can', (0.02, 0.02, 0.13), _RED),
-    ('hersheys_bar', 'box', (0.14, 0.06, 0.012), _BROWN),
-    ('honey_bunches_of_oats_honey_roasted', 'box', (0.19, 0.06, 0.3), (0.85, 0.55, 0.15)),
-    ('honey_bunches_of_oats_with_almonds', 'box', (0.19, 0.06, 0.3), (0.2, 0.35, 0.75)),
-    ('hunts_sauce', 'can', (0.075, 0.075, 0.11), _RED),
-    ('listerine_green', 'bottle', (0.09, 0.06, 0.22), _GREEN),
-    ('mahatma_rice', 'box', (0.14, 0.06, 0.2), _YELLOW),
-    ('nature_valley_granola_thins_dark_chocolate', 'box', (0.14, 0.06, 0.17), _BROWN),
-    ('nutrigrain_harvest_blueberry_bliss', 'box', (0.15, 0.06, 0.16), (0.3, 0.3, 0.7)),
-    ('pepto_bismol', 'bottle', (0.07, 0.05, 0.17), _PINK),
-    ('pringles_bbq', 'can', (0.075, 0.075, 0.25), (0.5, 0.15, 0.12)),
-    ('progresso_new_england_clam_chowder', 'can', (0.085, 0.085, 0.115), _BLUE),
-    ('quaker_chewy_low_fat_chocolate_chunk', 'box', (0.16, 0.06, 0.14), _RED),
-    ('red_bull', 'can', (0.053, 0.053, 0.135), (0.3, 0.45, 0.75)),
-    ('softsoap_clear', 'bottle', (0.08, 0.05, 0.19), (0.7, 0.85, 0.85)),
-    ('softsoap_gold', 'bottle', (0.08, 0.05, 0.19), (0.85, 0.65, 0.2)),
-    ('softsoap_white', 'bottle', (0.08, 0.05, 0.19), _WHITE),
-    ('spongebob_squarepants_fruit_snaks', 'box', (0.14, 0.06, 0.19), _YELLOW),
-    ('tapatio_hot_sauce', 'bottle', (0.055, 0.055, 0.21), (0.7, 0.2, 0.08)),
-    (
-        'vo5_tea_therapy_healthful_green_tea_smoothing_shampoo',
+_SHAPES: dict[str, tuple[str, tuple[float, float, float], Colour]] = {
+    # shape; width, depth and height in metres; colour
+    'advil_liqui_gels': ('box', (0.06, 0.05, 0.11), _BLUE),
+    'aunt_jemima_original_syrup': ('bottle', (0.08, 0.08, 0.25), _BROWN),
+    'bumblebee_albacore': ('can', (0.085, 0.085, 0.04), _YELLOW),
+    'cholula_chipotle_hot_sauce': ('bottle', (0.045, 0.045, 0.18), (0.6, 0.2, 0.1)),
+    BOTTLE: ('cola', (0.06, 0.06, 0.21), (0.1, 0.035, 0.02)),
+    'crest_complete_minty_fresh': ('box', (0.2, 0.045, 0.05), _BLUE),
+    'crystal_hot_sauce': ('bottle', (0.05, 0.05, 0.19), (0.75, 0.15, 0.1)),
+    'expo_marker_red': ('can', (0.02, 0.02, 0.13), _RED),
+    'hersheys_bar': ('box', (0.14, 0.06, 0.012), _BROWN),
+    'honey_bunches_of_oats_honey_roasted': ('box', (0.19, 0.06, 0.3), (0.85, 0.55, 0.15)),
+    'honey_bunches_of_oats_with_almonds': ('box', (0.19, 0.06, 0.3), (0.2, 0.35, 0.75)),
+    'hunts_sauce': ('can', (0.075, 0.075, 0.11), _RED),
+    'listerine_green': ('bottle', (0.09, 0.06, 0.22), _GREEN),
+    'mahatma_rice': ('box', (0.14, 0.06, 0.2), _YELLOW),
+    'nature_valley_granola_thins_dark_chocolate': ('box', (0.14, 0.06, 0.17), _BROWN),
+    'nutrigrain_harvest_blueberry_bliss': ('box', (0.15, 0.06, 0.16), (0.3, 0.3, 0.7)),
+    'pepto_bismol': ('bottle', (0.07, 0.05, 0.17), _PINK),
+    'pringles_bbq': ('can', (0.075, 0.075, 0.25), (0.5, 0.15, 0.12)),
+    'progresso_new_england_clam_chowder': ('can', (0.085, 0.085, 0.115), _BLUE),
+    'quaker_chewy_low_fat_chocolate_chunk': ('box', (0.16, 0.06, 0.14), _RED),
+    'red_bull': ('can', (0.053, 0.053, 0.135), (0.3, 0.45, 0.75)),
+    'softsoap_clear': ('bottle', (0.08, 0.05, 0.19), (0.7, 0.85, 0.85)),
+    'softsoap_gold': ('bottle', (0.08, 0.05, 0.19), (0.85, 0.65, 0.2)),
+    'softsoap_white': ('bottle', (0.08, 0.05, 0.19), _WHITE),
+    'spongebob_squarepants_fruit_snaks': ('box', (0.14, 0.06, 0.19), _YELLOW),
+    'tapatio_hot_sauce': ('bottle', (0.055, 0.055, 0.21), (0.7, 0.2, 0.08)),
+    'vo5_tea_therapy_healthful_green_tea_smoothing_shampoo': (
         'bottle',
         (0.07, 0.05, 0.22),
         _GREEN,
     ),
-    ('nature_valley_sweet_and_salty_nut_almond', 'box', (0.15, 0.06, 0.15), _BLUE),
-    ('nature_valley_sweet_and_salty_nut_cashew', 'box', (0.15, 0.06, 0.15), (0.8, 0.5, 0.1)),
-    ('nature_valley_sweet_and_salty_nut_peanut', 'box', (0.15, 0.06, 0.15), _BROWN),
-    (
-        'nature_valley_sweet_and_salty_nut_roasted_mix_nut',
+    'nature_valley_sweet_and_salty_nut_almond': ('box', (0.15, 0.06, 0.15), _BLUE),
+    'nature_valley_sweet_and_salty_nut_cashew': ('box', (0.15, 0.06, 0.15), (0.8, 0.5, 0.1)),
+    'nature_valley_sweet_and_salty_nut_peanut': ('box', (0.15, 0.06, 0.15), _BROWN),
+    'nature_valley_sweet_and_salty_nut_roasted_mix_nut': (
         'box',
         (0.15, 0.06, 0.15),
         (0.55, 0.15, 0.2),
     ),
-    ('paper_plate', 'plate', (0.22, 0.22, 0.025), _WHITE),
-    ('red_cup', 'cup', (0.095, 0.095, 0.12), _RED),
-)
+    'paper_plate': ('plate', (0.22, 0.22, 0.025), _WHITE),
+    'red_cup': ('cup', (0.095, 0.095, 0.12), _RED),
+}
 
-INSTANCE_NAMES = ('background', *(name for name, *_ in _SHAPES))
-"""Names of AVD's instances by their number."""
-
-BOTTLE_ID = INSTANCE_NAMES.index(BOTTLE)
+BOTTLE_ID = INSTANCES.index(BOTTLE)
 """The number of what is searched for."""
 
 
 def instance_size(number: int) -> tuple[float, float, float]:
     """Return width, depth and height of a thing in metres."""
-    return _SHAPES[number - 1][2]
+    return _SHAPES[INSTANCES[number]][1]
 
 
 def make_instance(style: Style, number: int) -> Mesh:
@@ -86,9 +82,9 @@ def make_instance(style: Style, number: int) -> Mesh:
 
     Args:
         style: Gets its materials.
-        number: As in `INSTANCE_NAMES`, from 1.
+        number: As in `INSTANCES`, from 1.
     """
-    _, shape, size, colour = _SHAPES[number - 1]
+    shape, size, colour = _SHAPES[INSTANCES[number]]
     return _MAKE[shape](style, size, colour)
 
 

@@ -7,14 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avd_player.avd_format import INSTANCES
 from avd_player.homes import furniture
 from avd_player.homes.home import Thing
-from avd_player.homes.instances import (
-    BOTTLE_ID,
-    INSTANCE_NAMES,
-    instance_size,
-    make_instance,
-)
+from avd_player.homes.instances import BOTTLE_ID, instance_size, make_instance
 from avd_player.homes.site import Site, UnusableError
 
 if TYPE_CHECKING:
@@ -39,7 +35,7 @@ def put_things(
     style, rng = site.style, site.rng
     taken: list[tuple[float, float, float, float]] = []
     things = [_bottle(site, caster, positions, camera_height, taken)]
-    others = [number for number in range(1, len(INSTANCE_NAMES)) if number != BOTTLE_ID]
+    others = [number for number in range(1, len(INSTANCES)) if number != BOTTLE_ID]
     chosen = rng.choice(others, int(rng.integers(5, 11)), replace=False).tolist()
     if style.chance(0.2):
         chosen.append(chosen[0])

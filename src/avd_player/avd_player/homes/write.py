@@ -17,12 +17,13 @@ from avd_player.avd_format import (
     COLOR_FOLDER,
     DEPTH_FOLDER,
     INSTANCE_MAP,
+    INSTANCES,
     LABEL_FOLDER,
     MOVES,
     STRUCT_FIELDS,
     STRUCTS,
 )
-from avd_player.homes.instances import BOTTLE_ID, INSTANCE_NAMES
+from avd_player.homes.instances import BOTTLE_ID
 from avd_player.homes.scene import HEADINGS
 
 if TYPE_CHECKING:
@@ -93,9 +94,9 @@ def write_scene(folder: Path, scan: Scan, boxes: list[list[Box]]) -> None:
         f'{" ".join(f"{value:.9g}" for value in numbers)}\n'
     )
     counts = np.bincount([thing.number for thing in scan.home.things])
-    present = [INSTANCE_NAMES[number] for number in np.flatnonzero(counts).tolist()]
+    present = [INSTANCES[number] for number in np.flatnonzero(counts).tolist()]
     (folder / 'present_instance_names.txt').write_text(''.join(f'{name}\n' for name in present))
-    twice = [INSTANCE_NAMES[number] for number in np.flatnonzero(counts > 1).tolist()]
+    twice = [INSTANCES[number] for number in np.flatnonzero(counts > 1).tolist()]
     if twice:
         note = f'In this scene there are two of: {", ".join(twice)}.\n'
         (folder / 'special_note.txt').write_text(note)
@@ -104,7 +105,7 @@ def write_scene(folder: Path, scan: Scan, boxes: list[list[Box]]) -> None:
 
 def write_instance_map(folder: Path) -> None:
     """Write the numbers of all instances, which the scenes of a folder share."""
-    lines = [f'{name} {number}\n' for number, name in enumerate(INSTANCE_NAMES)]
+    lines = [f'{name} {number}\n' for number, name in enumerate(INSTANCES)]
     (folder / INSTANCE_MAP).write_text(''.join(lines))
 
 
@@ -204,7 +205,7 @@ def _write_ground_truth(folder: Path, scan: Scan) -> None:
         'camera_pitch': home.camera_pitch,
         'bottle': list(bottle.center),
         'things': [
-            {'instance': INSTANCE_NAMES[thing.number], 'position': list(thing.center)}
+            {'instance': INSTANCES[thing.number], 'position': list(thing.center)}
             for thing in home.things
         ],
         'rooms': [room._asdict() for room in home.layout.rooms],

@@ -54,7 +54,19 @@ PAPERS = (
 
 MEAN = 'mean'
 
-METHODS = ('vgdp', 'greedy', 'frontier', 'clairvoyant')
+METHODS = (
+    'vgdp',
+    'greedy',
+    'vgdp_object',
+    'vgdp_rgbd',
+    'calvin_2d',
+    'calvin_3d',
+    'frontier',
+    'clairvoyant',
+)
+
+CURVED = ('vgdp', 'vgdp_object', 'vgdp_rgbd', 'calvin_2d', 'calvin_3d', 'frontier')
+"""Methods of the curves."""
 
 PAPER_NOISE = Noise(depth=1.0)
 
@@ -95,13 +107,11 @@ ABLATION = {
     'guidance': ('the sample of the highest value', (0.542, 0.031)),
     'guidance_memory': ('the same with the best-plan memory', (0.776, 0.028)),
     'vgdp': ('the whole planner', None),
+    'no_projector': ('a learned projector in place of the projected map', (0.486, 0.036)),
     'frontier': ('exploration of the nearest frontier', None),
 }
 """What the rows of the paper's ablation on Home_001_1 are, and success in it. It is of the policy
 that was trained with images."""
-
-PUBLISHED_PROJECTOR = (0.486, 0.036)
-"""That policy without the projector from the cloud to the map, in the same ablation."""
 
 CURVES: dict[str, tuple[str, dict[float, Noise]]] = {
     'depth': (
@@ -158,8 +168,11 @@ TEXT = """\
 
 ABOUT = """\
 The robot searches the bottle in homes that nothing was trained on. `vgdp` is the planner as it is
-shipped, trained on mazes alone; `greedy` steps on its values without a sample; `frontier` goes to
-the nearest frontier of the same maps. Columns with *paper* are its numbers, on the real scenes."""
+shipped, trained on mazes alone; `greedy` steps on its values without a sample. `vgdp_object` has a
+value of the unseen that was learned in other homes, `vgdp_rgbd` a policy and a value that read the
+images, too; `calvin_2d` and `calvin_3d` are CALVIN on the projected maps and on a learned lattice.
+`frontier` goes to the nearest frontier of the same maps. Columns with *paper* are its numbers, on
+the real scenes."""
 
 ABOUT_NOISY = """\
 As in the table without noise, but the depth images have noise of N(0, σ²) with σ = 1, in their own
@@ -234,8 +247,7 @@ ABLATION_TEXT = """\
 # Searching a bottle: what each part of the planner adds
 
 The rows of the paper's ablation, here of the policy that was trained on mazes alone, in homes. The
-paper's are of the policy that was trained with images, in Home_001_1; without its projector from
-the cloud to the map that had {projector}.
+paper's are of the policy that was trained with images, in Home_001_1.
 
 `vgdp eval avd --ablation`
 
@@ -260,7 +272,6 @@ def ablation_page(results: Results) -> Page:
     headings = ('method', 'what it is', 'paper', 'success', 'SPL / frontier')
     return Page(
         ABLATION_TEXT.format(
-            projector=with_sd(*PUBLISHED_PROJECTOR),
             origin=origin(results),
             explanation=EXPLANATION,
             table=markdown_table(headings, rows),
@@ -358,7 +369,7 @@ ABLATED = Suite(
 WORSE = Suite(
     name='avd-curves',
     settings=curve_settings(HELD_OUT[:4]),
-    variants={name: Variant(name) for name in METHODS[:3]},
+    variants={name: Variant(name) for name in CURVED},
     page=curves_page,
     trials=1,
     episodes=25,
@@ -402,6 +413,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs='+',
         metavar='NAME',
         help="scenes (the held-out homes, or those of the paper's table where they are)",
+    )
+    parser.add_argument(
+        '--learned-weights',
+        type=Path,
+        metavar='FOLDER',
+        help='with a folder of weights for each learned method, instead of those shipped',
     )
     sweep.add_arguments(AVD, parser, chosen=False)
     parser.set_defaults(suite=AVD.name, out=None)

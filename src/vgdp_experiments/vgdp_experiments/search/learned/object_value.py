@@ -1,0 +1,165 @@
+"""The planner with the object-search value: what is unseen is worth a look by what stands there.
+
+Bottles stand on tables and counters. So the worth of the unseen reads, besides the partial map,
+at which heights there is something in each cell that was ever in view, and where the robot has
+stood. The policy is the planner's own. The weights that read the new channels begin at zero, so
+before any training it decides just as the planner does.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from avd_player.avd_format import GRID_M
+from vgdp_experiments.search.learned.records import WEIGHTS, load_record, save_record
+from vgdp_experiments.search.learned.rgbd import SeeingValue, with_blind_channels
+from vgdp_planner import Config, ValueGuidedPlanner
+from vgdp_planner.weights import WeightsError, load_weights
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from gridnav import GridGeometry
+
+SHIPPED = WEIGHTS / 'vgdp_object'
+"""The weights that come with the package."""
+
+EDGES_M = np.array([0.1, 0.35, 0.6, 0.8, 1.0, 1.4, 2.0])
+"""Heights between which there is something or not: what is low, seats and beds, tables, counters,
+shelves, and what is taller than all of these. What is higher is in nobody's way."""
+
+BANDS = len(EDGES_M) - 1
+
+CHANNELS = BANDS + 1
+"""The heights, and where the robot has stood."""
+
+SETTINGS = {'execute': 1}
+"""Of the planner: one step at a time, so that each position is looked at."""
+
+
+def height_map(
+    points: NDArray[np.floating],
+    stood: NDArray[np.floating],
+    corner: NDArray[np.floating],
+    shape: tuple[int, int],
+) -> NDArray[np.float32]:
+    """Return at which heights there is something in each cell, and where the robot has stood.
+
+    Args:
+        points: That were seen, metres in the map, NaN for none, (N, 3).
+        stood: Where the robot was, metres in the map, (K, 2).
+        corner: x and y of the lower left corner of the map, metres, (2,).
+        shape: Rows and columns of the map; its cells have a side of 0.30 m.
+
+    Returns:
+        1 where there is something and 0 elsewhere, (BANDS + 1, H, W).
+    """
+    found = np.zeros((CHANNELS, *shape), dtype=np.float32)
+    bands = np.digitize(points[:, 2], EDGES_M) - 1
+    # NaN is beyond the last edge.
+    kept = (bands >= 0) & (bands < BANDS)
+    kinds = np.concatenate([bands[kept], np.full(len(stood), BANDS)])
+    places = np.concatenate([points[kept, :2], stood])
+    cols, rows = np.floor((places - corner) / GRID_M).astype(np.int64).T
+    inside = (rows >= 0) & (rows < shape[0]) & (cols >= 0) & (cols < shape[1])
+    found[kinds[inside], rows[inside], cols[inside]] = 1.0
+    return found
+
+
+class HeightMemory:
+    """What was seen of the heights in an episode."""
+
+    def __init__(self) -> None:
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget everything: a new episode begins."""
+        self._points: list[NDArray[np.floating]] = []
+        self._stood: list[tuple[float, float]] = []
+
+    def look(
+        self, points: NDArray[np.floating], cell: tuple[int, int], geometry: GridGeometry
+    ) -> NDArray[np.float32]:
+        """Take in what the robot sees from a cell; returns the height map, (C, H, W).
+
+        Args:
+            points: That it sees, metres in the map, NaN for none, of any shape (..., 3).
+            cell: Where it stands.
+            geometry: Of the map.
+        """
+        self._points.append(points.reshape(-1, 3))
+        self._stood.append(geometry.center_of(*cell))
+        corner = np.array([geometry.origin_x, geometry.origin_y])
+        return height_map(
+            np.concatenate(self._points), np.array(self._stood), corner, geometry.shape
+        )
+
+
+def begin_value(folder: Path | None = None) -> SeeingValue:
+    """Return the value function of a planner, the shipped one if None, that reads heights.
+
+    Raises:
+        WeightsError: If the folder does not hold it, with one sentence that says why.
+    """
+    config, tensors = load_weights(folder)
+    value = SeeingValue(config.value, CHANNELS)
+    prefix = 'value.'
+    own = {n.removeprefix(prefix): t for n, t in tensors.items() if n.startswith(prefix)}
+    own['trunk.stem.weight'] = with_blind_channels(own['trunk.stem.weight'], CHANNELS)
+    value.load_state_dict(own)
+    return value
+
+
+def save_value(value: SeeingValue, folder: Path, training: dict[str, Any]) -> None:
+    """Write weights, configuration and how they came about into a folder, creating it."""
+    config = Config(value=value.config).to_dict()['value']
+    save_record(folder, value.state_dict(), config, training)
+
+
+def load_value(folder: Path | None = None) -> SeeingValue:
+    """Read what `save_value` wrote; the weights that come with the package if None.
+
+    Raises:
+        WeightsError: If the folder does not hold it, with one sentence that says why.
+    """
+    config, tensors = load_record(folder or SHIPPED)
+    try:
+        value = SeeingValue(Config.from_dict({'value': config}).value, CHANNELS)
+        value.load_state_dict(tensors)
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        msg = f'The weights in {folder or SHIPPED} are none of an object-search value.'
+        raise WeightsError(msg) from error
+    return value.eval()
+
+
+class ObjectSearchPlanner(ValueGuidedPlanner):
+    """A planner with the object-search value. Before each decision it has to `look`.
+
+    Args:
+        value: With trained weights.
+        folder: With the weights of all else; those of the shipped planner if None.
+
+    Raises:
+        WeightsError: If the folder does not hold a planner, with one sentence that says why.
+    """
+
+    def __init__(self, value: SeeingValue, folder: Path | None = None) -> None:
+        config, tensors = load_weights(folder)
+        super().__init__(config.with_planner(SETTINGS))
+        self.load_tensors(tensors)
+        self.value_network = self._value = value.eval()
+
+    def look(self, heights: NDArray[np.float32]) -> None:
+        """Take in a height map (C, H, W), which lies where the partial map does."""
+        self._value.seen = torch.from_numpy(heights)[None]
+
+    def _worth(self, maps: Tensor, robots: Sequence[Any]) -> Tensor:  # noqa: ARG002
+        """Ask anew each time: more may be known of the heights although the map is the same."""
+        return self._value.worth_of_unseen(maps)

@@ -78,6 +78,10 @@ GROUPS: dict[str, tuple[str, dict[str, tuple[str, str]]]] = {
                 'vgdp_experiments.suites.localisation',
                 'how fast the belief filter finds the robot',
             ),
+            'looks': (
+                'vgdp_experiments.search.learned.evaluate_looks',
+                'what values of the unseen make of the same choices in homes',
+            ),
             'segmentation': (
                 'vgdp_experiments.evaluate_segmentation',
                 'the segmentation of RGB-D frames, on homes that it has not seen',

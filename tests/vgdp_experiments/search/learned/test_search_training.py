@@ -102,3 +102,20 @@ def test_safe_steps() -> None:
     partial_map[:2] = [np.ones((3, 3)), np.zeros((3, 3))]
     partial_map[:2, 1, 1] = 0.0, 1.0
     assert safe_step(q_values, grid) == []
+
+
+def test_looks_are_compared(
+    data: Path, trained: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The same choices for all, none of which is better than the best one."""
+    file = tmp_path / 'looks.json'
+    options = f'--data {data} --homes Home_102_1 --weights {trained["vgdp_object"]} --threads 1'
+    ending = ['--decisions', '5', '--json', str(file)]
+    assert vgdp('eval', 'looks', *options.split(), *ending) == 0
+    assert 'object-search value' in capsys.readouterr().out
+    scores = json.loads(file.read_text())['scores']
+    assert len(scores) == 3
+    for found in scores.values():
+        assert found['mean'] >= 0
+        assert 0 <= found['far'] <= 1
+    assert vgdp('eval', 'looks', '--data', str(data), '--homes', 'Home_9_1') == 2

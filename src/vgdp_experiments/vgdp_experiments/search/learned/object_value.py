@@ -48,7 +48,7 @@ def height_map(
     points: NDArray[np.floating],
     stood: NDArray[np.floating],
     corner: NDArray[np.floating],
-    shape: tuple[int, int],
+    shape: tuple[int, ...],
 ) -> NDArray[np.float32]:
     """Return at which heights there is something in each cell, and where the robot has stood.
 

@@ -22,7 +22,9 @@ from vgdp_experiments.search.learned.training import SearchTraining, train_netwo
 if TYPE_CHECKING:
     import argparse
 
-    from vgdp_experiments.search.learned.batches import HomeBatches
+    from numpy.typing import NDArray
+
+    from vgdp_experiments.search.learned.batches import Decision, HomeBatches
     from vgdp_experiments.search.learned.rgbd import SeeingValue
 
 DEFAULTS = SearchTraining(out='runs/search-object', steps=3000, batch=16, learning_rate=1e-3)
@@ -80,12 +82,10 @@ def inputs(batches: HomeBatches, settings: SearchTraining, step: int) -> list[tu
     batch = batches.take(decisions)
     looks = batches.looks(decisions, batch)
     shape = (batch.maps.shape[2], batch.maps.shape[3])
-    heights = []
-    for decision, corner in zip(decisions, batch.origins, strict=True):
-        home = batches.homes[decision.home]
-        been = home.visited[decision.index]
-        points = home.points[been].reshape(-1, 3)
-        heights.append(height_map(points, home.positions[been], corner, shape))
+    heights = [
+        heights_at(batches, decision, corner, shape)
+        for decision, corner in zip(decisions, batch.origins, strict=True)
+    ]
     turn = Turn(int(rng.integers(TURNS)))
     return [
         (
@@ -96,3 +96,23 @@ def inputs(batches: HomeBatches, settings: SearchTraining, step: int) -> list[tu
             torch.from_numpy(looks.costs),
         )
     ]
+
+
+def heights_at(
+    batches: HomeBatches,
+    decision: Decision,
+    corner: NDArray[np.float64],
+    shape: tuple[int, ...],
+) -> NDArray[np.float32]:
+    """Return what was known of the heights at a decision, (C, H, W).
+
+    Args:
+        batches: Of the homes.
+        decision: Which.
+        corner: x and y of the lower left corner of the map, metres, (2,).
+        shape: Rows and columns of the map.
+    """
+    home = batches.homes[decision.home]
+    been = home.visited[decision.index]
+    points = home.points[been].reshape(-1, 3)
+    return height_map(points, home.positions[been], corner, shape)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from vgdp_experiments.search.learned.batches import Batch, HomeBatches
 
 DEFAULTS = SearchTraining(
-    out='runs/search-calvin-2d', steps=400, batch=16, learning_rate=5e-3, ema=0.99
+    out='runs/search-calvin-2d', steps=1000, batch=16, learning_rate=5e-3, ema=0.99
 )
 
 PAST, PAST_WEIGHT = CalvinTraining.past, CalvinTraining.past_weight

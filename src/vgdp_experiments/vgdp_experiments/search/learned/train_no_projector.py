@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from vgdp_experiments.search.learned.batches import HomeBatches
 
 DEFAULTS = SearchTraining(
-    out='runs/search-no-projector', steps=600, batch=12, learning_rate=2e-3, ema=0.99
+    out='runs/search-no-projector', steps=1000, batch=12, learning_rate=2e-3, ema=0.99
 )
 
 NOISES = 4

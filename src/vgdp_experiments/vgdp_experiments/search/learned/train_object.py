@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from vgdp_experiments.search.learned.batches import Decision, HomeBatches
     from vgdp_experiments.search.learned.rgbd import SeeingValue
 
-DEFAULTS = SearchTraining(out='runs/search-object', steps=3000, batch=16, learning_rate=1e-3)
+DEFAULTS = SearchTraining(out='runs/search-object', steps=4000, batch=16, learning_rate=1e-3)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from vgdp_experiments.search.learned.batches import HomeBatches
 
-DEFAULTS = SearchTraining(out='runs/search-rgbd', steps=800, batch=16, learning_rate=5e-4)
+DEFAULTS = SearchTraining(out='runs/search-rgbd', steps=2500, batch=16, learning_rate=5e-4)
 
 NOISES = 4
 """Noisy plans that each map is used for."""

@@ -93,7 +93,7 @@ def explain(found: Search, simulation: ActiveVisionSimulation) -> str:
     last = found.steps[-1].observation.grid.goal if found.steps else 'none'
     why = {
         'none': 'its place was not believed any more',
-        'ok': 'the map has a way to it that leads nowhere',
+        'ok': 'the robot did not get there, although the map has a way',
         'unreachable': 'no way leads there on the map',
         'occupied': 'on the map there is no free place near it',
         'outside': 'it seemed to be off the map',
@@ -149,6 +149,7 @@ def draw_search(args: argparse.Namespace) -> int:
     found = follow(home, SEARCHERS[names[0]](args), int(seed))
     out = args.out or DEFAULT_OUT
     out.parent.mkdir(parents=True, exist_ok=True)
-    draw(found, home, f'{scene}, seed {seed}, {names[0]}').savefig(out)
+    figure = draw(found, home, f'{scene}, seed {seed}, {names[0]}')
+    figure.savefig(out, bbox_inches='tight')
     print(f'{explain(found, home.simulation)} Drawn in {out}.')  # noqa: T201
     return 0

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.filterwarnings('ignore:Home_113_1')
 
-METHODS = ('vgdp', 'greedy', 'vgdp_object', 'vgdp_rgbd', 'calvin_2d', 'frontier')
+METHODS = ('vgdp', 'greedy', 'vgdp_object', 'vgdp_rgbd', 'calvin_2d', 'calvin_3d', 'frontier')
 
 
 class Watched:

@@ -327,10 +327,18 @@ class ActiveVisionSimulation:
         off = np.angle(np.exp(1j * (self.scene.headings[self.position] - self._yaw)))
         self.view = int(np.abs(off).argmin())
         for name in self.seen_names:
-            self.target_seen |= name in self._visible
-            shows = partial(self._finder.shows, name)
-            self.sightings.look(name, self._finder.sightings(name), shows)
+            found = self._finder.sightings(name)
+            self.target_seen |= name in self._visible or self._are_true(found)
+            self.sightings.look(name, found, partial(self._finder.shows, name))
         self._note_goal()
+
+    def _are_true(self, found: Sequence[NDArray[np.float64]]) -> bool:
+        """Tell whether one of the sightings is of the target: what was seen was in sight."""
+        return any(
+            np.linalg.norm(place - target) <= self.rules.reach
+            for place in found
+            for target in self.targets
+        )
 
     def _note_goal(self) -> None:
         position = self.sightings.position

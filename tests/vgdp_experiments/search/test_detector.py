@@ -23,6 +23,8 @@ from vgdp_experiments.search.noise import Noise, Sensors
 from vgdp_experiments.search.searchers import FrontierSearcher
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from avd_player.scene import Scene
     from avd_player.simulation import SearchRules
     from gridnav.rgbd import RgbdFrame
@@ -195,3 +197,34 @@ def test_without_noise_the_labels_do(scene: Scene, rules: SearchRules) -> None:
     spoiled = finder_for(Sensors(scene, Noise(false=0.1)), rules)
     assert spoiled is not None
     assert spoiled.sure == 2
+
+
+class Sure:
+    """A finder that sees a thing at one place in every image."""
+
+    sure = 1
+
+    def __init__(self, place: NDArray[np.float64]) -> None:
+        self._place = place
+
+    def sightings(self, name: str) -> list[NDArray[np.float64]]:  # noqa: ARG002
+        """Return the place."""
+        return [self._place]
+
+    def shows(self, name: str, place: NDArray[np.float64]) -> bool:  # noqa: ARG002
+        """Say nothing against it."""
+        return False
+
+
+def test_a_true_sighting_counts_where_the_scene_has_no_depth(
+    scene: Scene, rules: SearchRules
+) -> None:
+    """What the robot saw of the target was in sight, and what it saw elsewhere was not."""
+    labels = ActiveVisionSimulation(scene, rules)
+    labels.restart(0, start=0)
+    assert not labels.target_seen
+    target = labels.targets[0]
+    for off, seen in ((0.1, True), (3.0, False)):
+        simulation = ActiveVisionSimulation(scene, rules, Sure(target + np.array([0.0, off, 0.0])))
+        simulation.restart(0, start=0)
+        assert simulation.target_seen == seen

@@ -113,10 +113,12 @@ class Expert(NamedTuple):
     Attributes:
         costs: Length of the way from each position in steps of 0.30 m, infinite for none, (P,).
         steps: Its moves, (P,).
+        after: Length of the way for one who has seen the target already, (P,).
     """
 
     costs: NDArray[np.float64]
     steps: NDArray[np.int64]
+    after: NDArray[np.float64]
 
 
 class ActiveVisionSimulation:
@@ -309,7 +311,7 @@ class ActiveVisionSimulation:
             if previous[state] >= 0:
                 steps[state] = steps[previous[state]] + 1
         first = np.arange(count) + count * sees
-        return Expert(costs[first], steps[first])
+        return Expert(costs[first], steps[first], costs[count:])
 
     def _goals(self) -> NDArray[np.bool_]:
         """Tell at which positions Done succeeds, (P,)."""

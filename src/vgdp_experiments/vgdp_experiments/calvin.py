@@ -9,7 +9,6 @@ planners" (CVPR 2022), for the nine actions on a grid. Legend, with their symbol
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,13 +16,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file
 from torch import Tensor, nn
 from torch.nn import functional
 
 from gridnav import NUM_ACTIONS, NUM_MOVES
 from vgdp_planner.map_encoder import with_inside
-from vgdp_planner.weights import CONFIG_FILE, MODEL_FILE, WeightsError, read_record
+from vgdp_planner.weights import CONFIG_FILE, MODEL_FILE, WeightsError, read_record, save_record
 
 SHIPPED = Path(__file__).parent / 'weights' / 'calvin'
 """The weights that come with the package."""
@@ -143,11 +142,7 @@ class Calvin(nn.Module):
 
 def save_calvin(folder: str | Path, model: Calvin, training: dict[str, Any]) -> None:
     """Write weights, configuration and how they came about into a folder, creating it."""
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    save_file(model.state_dict(), folder / MODEL_FILE)
-    record = {'config': asdict(model.config), 'training': training}
-    (folder / CONFIG_FILE).write_text(json.dumps(record, indent=2) + '\n', encoding='utf-8')
+    save_record(folder, asdict(model.config), model.state_dict(), training)
 
 
 def load_calvin(folder: str | Path = SHIPPED) -> Calvin:

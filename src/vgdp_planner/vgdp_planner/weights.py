@@ -12,6 +12,8 @@ from safetensors.torch import load_file, save_file
 from vgdp_planner.config import Config
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from torch import Tensor
 
 SHIPPED = Path(__file__).parent / 'weights' / 'default'
@@ -35,10 +37,20 @@ def save_weights(
         tensors: By name.
         training: How they came about (command, data, seed, scores), for the record.
     """
+    save_record(folder, config.to_dict(), tensors, training)
+
+
+def save_record(
+    folder: str | Path,
+    config: dict[str, Any],
+    tensors: Mapping[str, Tensor],
+    training: dict[str, Any],
+) -> None:
+    """Write weights of any networks with their configuration, as `save_weights` does."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     save_file({name: tensor.contiguous() for name, tensor in tensors.items()}, folder / MODEL_FILE)
-    record = {'config': config.to_dict(), 'training': training}
+    record = {'config': config, 'training': training}
     (folder / CONFIG_FILE).write_text(json.dumps(record, indent=2) + '\n', encoding='utf-8')
 
 
@@ -70,21 +82,30 @@ def load_weights(folder: str | Path | None = None) -> tuple[Config, dict[str, Te
         WeightsError: If the folder does not hold them undamaged, with one sentence that says why.
     """
     record = read_record(folder)
-    path = Path(folder or SHIPPED) / MODEL_FILE
+    folder = Path(folder or SHIPPED)
     try:
         config = Config.from_dict(record['config'])
     except (TypeError, ValueError, AttributeError) as error:
-        msg = f'The configuration in {path.parent} is not valid: {error}'
+        msg = f'The configuration in {folder} is not valid: {error}'
         raise WeightsError(msg) from error
+    return config, read_tensors(folder)
+
+
+def read_tensors(folder: Path) -> dict[str, Tensor]:
+    """Return the weights in a folder by name.
+
+    Raises:
+        WeightsError: If there are none or they are damaged, with one sentence that says so.
+    """
+    path = folder / MODEL_FILE
     try:
-        tensors = load_file(path)
+        return load_file(path)
     except FileNotFoundError as error:
-        msg = f'There are no weights in {path.parent}: {MODEL_FILE} is missing.'
+        msg = f'There are no weights in {folder}: {MODEL_FILE} is missing.'
         raise WeightsError(msg) from error
     except (SafetensorError, OSError) as error:
         msg = f'{path} is damaged: {error}.'
         raise WeightsError(msg) from error
-    return config, tensors
 
 
 def load_part(folder: str | Path | None, part: str) -> tuple[Config, dict[str, Tensor]]:

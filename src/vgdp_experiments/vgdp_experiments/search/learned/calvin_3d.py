@@ -25,14 +25,11 @@ from vgdp_experiments.calvin import (
     CalvinValues,
 )
 from vgdp_experiments.search.learned.lattice import LatticePointNet
-from vgdp_experiments.search.learned.records import WEIGHTS, load_record, save_record
-from vgdp_planner.weights import WeightsError
+from vgdp_experiments.search.learned.records import load_networks
+from vgdp_planner.weights import save_record
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-SHIPPED = WEIGHTS / 'calvin_3d'
-"""The weights that come with the package."""
 
 HEADINGS = NUM_MOVES
 
@@ -111,7 +108,7 @@ class Calvin3D(Calvin):
 
     def save(self, folder: Path, training: dict[str, Any]) -> None:
         """Write weights, configuration and how they came about into a folder, creating it."""
-        save_record(folder, self.state_dict(), asdict(self.config), training)
+        save_record(folder, asdict(self.config), self.state_dict(), training)
 
     @classmethod
     def load(cls, folder: Path | None = None) -> Calvin3D:
@@ -120,11 +117,6 @@ class Calvin3D(Calvin):
         Raises:
             WeightsError: If the folder does not hold it, with one sentence that says why.
         """
-        config, tensors = load_record(folder or SHIPPED)
-        try:
-            model = cls(Calvin3DConfig(**config))
-            model.load_state_dict(tensors)
-        except (TypeError, RuntimeError) as error:
-            msg = f'The weights in {folder or SHIPPED} are none of CALVIN-3D.'
-            raise WeightsError(msg) from error
-        return model.eval()
+        return load_networks(
+            folder, 'calvin_3d', 'CALVIN-3D', lambda config: cls(Calvin3DConfig(**config))
+        )

@@ -17,8 +17,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 from tqdm import tqdm
 
 from avd_player.avd_format import VIEWS, read_instance_ids
@@ -29,7 +27,7 @@ from gridnav.rgbd import FrameError
 from vgdp_experiments.map_codes import pack
 from vgdp_experiments.options import add_settings, read_settings
 from vgdp_experiments.preset_settings import require_positive
-from vgdp_experiments.search.learned.views import HEIGHT, STRIDE, WIDTH, SmallViews, small_views
+from vgdp_experiments.search.learned.views import SmallViews, small_views
 from vgdp_experiments.search.loop import search
 from vgdp_experiments.search.mapping import SceneMapper
 from vgdp_experiments.search.noise import Sensors
@@ -322,21 +320,8 @@ class _Tables:
                 [[any(n in seen for n in names) for names in scene.views] for seen in seen_in]
             ),
             np.stack([simulation.expert.costs for simulation in simulations]),
-            np.stack([_costs_to(scene, simulation.goals) for simulation in simulations]),
+            np.stack([simulation.expert.after for simulation in simulations]),
         )
-
-
-def _costs_to(scene: Scene, goals: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the length of the shortest way from each position to a goal, (P,)."""
-    count = len(scene.views)
-    here, move = np.nonzero(scene.moves >= 0)
-    # Two moves may lead to one position.
-    lengths = np.full((count, count), np.inf)
-    np.minimum.at(lengths, (scene.moves[here, move], here), scene.costs[here, move])
-    there, back = np.nonzero(np.isfinite(lengths))
-    graph = csr_array((lengths[there, back], (there, back)), shape=(count, count))
-    costs: NDArray[np.float64] = dijkstra(graph, indices=np.flatnonzero(goals), min_only=True)
-    return costs
 
 
 @dataclass(frozen=True)
@@ -405,13 +390,7 @@ class _Guided:
 def _views(scene: Scene) -> SmallViews:
     """Return the small views of all positions of a scene; those that can't be read are empty."""
     count = len(scene.views)
-    shape = (count, max(VIEWS, *map(len, scene.views)))
-    made = SmallViews(
-        np.zeros((*shape, HEIGHT, WIDTH, 3), dtype=np.uint8),
-        np.zeros((*shape, HEIGHT, WIDTH), dtype=np.uint16),
-        np.full((*shape, HEIGHT // STRIDE, WIDTH // STRIDE, 3), np.nan, dtype=np.float32),
-        np.full(shape, np.nan, dtype=np.float32),
-    )
+    made = SmallViews.empty(count, max(VIEWS, *map(len, scene.views)))
     for position, names in enumerate(tqdm(scene.views, desc='views', leave=False)):
         frames = []
         for name in names:

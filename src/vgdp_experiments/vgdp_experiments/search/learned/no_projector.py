@@ -16,22 +16,19 @@ from torch import Tensor, nn
 from gridnav import GOAL, NUM_MOVES
 from vgdp_experiments.calvin import Calvin, CalvinConfig
 from vgdp_experiments.search.learned.lattice import LatticePointNet
-from vgdp_experiments.search.learned.records import WEIGHTS, load_record, save_record
+from vgdp_experiments.search.learned.records import load_networks
 from vgdp_planner import Config, ValueGuidedPlanner
 from vgdp_planner.belief import BeliefFilter
 from vgdp_planner.map_encoder import BeliefMapEncoder
 from vgdp_planner.policy import DiffusionPolicy
 from vgdp_planner.value import Values
-from vgdp_planner.weights import WeightsError, load_weights
+from vgdp_planner.weights import load_weights, save_record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
     from vgdp_planner.value import ValueNetwork
-
-SHIPPED = WEIGHTS / 'no_projector'
-"""The weights that come with the package."""
 
 FEATURES = 16
 
@@ -57,17 +54,11 @@ class LatticeEncoder(BeliefMapEncoder):
 
 
 class LatticeValue(Calvin):
-    """CALVIN as the value function of the planner, on the learned map.
+    """CALVIN as the value function of the planner, on the learned map."""
 
-    Attributes:
-        learned: (B, 3, H, W).
-    """
-
-    learned = torch.empty(0)
-
-    def values(self, partial_maps: Tensor) -> Values:  # noqa: ARG002 - of the projector
-        """Return what value iteration on the learned map finds."""
-        found = self(self.learned)
+    def values(self, learned: Tensor) -> Values:
+        """Return what value iteration on learned maps (B, 3, H, W) finds."""
+        found = self(learned)
         values = found.q_values.amax(dim=1)
         return Values(
             values=values,
@@ -124,13 +115,12 @@ class NoProjectorNetworks(nn.Module):
         return torch.cat([shares[:, :GOAL], goals], dim=1)
 
     def read(self, learned: Tensor) -> None:
-        """Let policy and value read learned maps (B, 3, H, W)."""
+        """Let the policy read learned maps (B, 3, H, W)."""
         self.policy.encoder.learned = learned
-        self.value.learned = learned
 
     def save(self, folder: Path, training: dict[str, Any]) -> None:
         """Write weights, configuration and how they came about into a folder, creating it."""
-        save_record(folder, self.state_dict(), self.config.to_dict(), training)
+        save_record(folder, self.config.to_dict(), self.state_dict(), training)
 
     @classmethod
     def load(cls, folder: Path | None = None) -> NoProjectorNetworks:
@@ -139,26 +129,26 @@ class NoProjectorNetworks(nn.Module):
         Raises:
             WeightsError: If the folder does not hold it, with one sentence that says why.
         """
-        config, tensors = load_record(folder or SHIPPED)
-        try:
-            networks = cls(Config.from_dict(config))
-            networks.load_state_dict(tensors)
-        except (TypeError, ValueError, RuntimeError) as error:
-            msg = f'The weights in {folder or SHIPPED} are none of the planner without projector.'
-            raise WeightsError(msg) from error
-        return networks.eval()
+        return load_networks(
+            folder,
+            'no_projector',
+            'the planner without projector',
+            lambda config: cls(Config.from_dict(config)),
+        )
 
 
-class _ValueOfPlanner(nn.Module):
-    """What the planner asks for values."""
+class _FoundValues(nn.Module):
+    """What the planner asks for values: those that were found on the learned map.
 
-    def __init__(self, value: LatticeValue) -> None:
-        super().__init__()
-        self.value = value
+    Attributes:
+        found: For the decision that is due.
+    """
+
+    found: Values
 
     def forward(self, partial_maps: Tensor, worth: None = None) -> Values:  # noqa: ARG002
-        """Return the values of the learned map, in which nothing is told of the unseen."""
-        return self.value.values(partial_maps)
+        """Return them, in which nothing is told of the unseen."""
+        return self.found
 
 
 class NoProjectorPlanner(ValueGuidedPlanner):
@@ -174,14 +164,16 @@ class NoProjectorPlanner(ValueGuidedPlanner):
         super().__init__(networks.config)
         self._networks = networks.eval()
         self.policy, self.belief_filter = networks.policy, networks.belief
-        self.value_network = cast('ValueNetwork', _ValueOfPlanner(networks.value))
+        self._values = _FoundValues()
+        self.value_network = cast('ValueNetwork', self._values)
 
     @torch.no_grad()
     def look(self, lattices: Tensor) -> Tensor:
         """Take in a lattice (1, C + 2, H, W); returns Q(s, a) of it, (A, H, W)."""
-        self._networks.read(self._networks.learned_maps(lattices))
-        q_values: Tensor = self._networks.value.values(lattices).q_values[0]
-        return q_values
+        learned = self._networks.learned_maps(lattices)
+        self._networks.read(learned)
+        self._values.found = self._networks.value.values(learned)
+        return self._values.found.q_values[0]
 
     def _worth(self, maps: Tensor, robots: Sequence[Any]) -> None:
         """Return nothing: CALVIN's values know no worth of the unseen."""

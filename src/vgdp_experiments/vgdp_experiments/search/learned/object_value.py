@@ -15,10 +15,10 @@ import torch
 from torch import Tensor
 
 from avd_player.avd_format import GRID_M
-from vgdp_experiments.search.learned.records import WEIGHTS, load_record, save_record
+from vgdp_experiments.search.learned.records import load_networks
 from vgdp_experiments.search.learned.rgbd import SeeingValue, with_blind_channels
 from vgdp_planner import Config, ValueGuidedPlanner
-from vgdp_planner.weights import WeightsError, load_weights
+from vgdp_planner.weights import load_part, load_weights, save_record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,9 +27,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from gridnav import GridGeometry
-
-SHIPPED = WEIGHTS / 'vgdp_object'
-"""The weights that come with the package."""
 
 EDGES_M = np.array([0.1, 0.35, 0.6, 0.8, 1.0, 1.4, 2.0])
 """Heights between which there is something or not: what is low, seats and beds, tables, counters,
@@ -108,10 +105,8 @@ def begin_value(folder: Path | None = None) -> SeeingValue:
     Raises:
         WeightsError: If the folder does not hold it, with one sentence that says why.
     """
-    config, tensors = load_weights(folder)
+    config, own = load_part(folder, 'value')
     value = SeeingValue(config.value, CHANNELS)
-    prefix = 'value.'
-    own = {n.removeprefix(prefix): t for n, t in tensors.items() if n.startswith(prefix)}
     own['trunk.stem.weight'] = with_blind_channels(own['trunk.stem.weight'], CHANNELS)
     value.load_state_dict(own)
     return value
@@ -120,7 +115,7 @@ def begin_value(folder: Path | None = None) -> SeeingValue:
 def save_value(value: SeeingValue, folder: Path, training: dict[str, Any]) -> None:
     """Write weights, configuration and how they came about into a folder, creating it."""
     config = Config(value=value.config).to_dict()['value']
-    save_record(folder, value.state_dict(), config, training)
+    save_record(folder, config, value.state_dict(), training)
 
 
 def load_value(folder: Path | None = None) -> SeeingValue:
@@ -129,29 +124,23 @@ def load_value(folder: Path | None = None) -> SeeingValue:
     Raises:
         WeightsError: If the folder does not hold it, with one sentence that says why.
     """
-    config, tensors = load_record(folder or SHIPPED)
-    try:
-        value = SeeingValue(Config.from_dict({'value': config}).value, CHANNELS)
-        value.load_state_dict(tensors)
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        msg = f'The weights in {folder or SHIPPED} are none of an object-search value.'
-        raise WeightsError(msg) from error
-    return value.eval()
+    return load_networks(
+        folder,
+        'vgdp_object',
+        'an object-search value',
+        lambda config: SeeingValue(Config.from_dict({'value': config}).value, CHANNELS),
+    )
 
 
 class ObjectSearchPlanner(ValueGuidedPlanner):
-    """A planner with the object-search value. Before each decision it has to `look`.
+    """The shipped planner with the object-search value. Before each decision it has to `look`.
 
     Args:
         value: With trained weights.
-        folder: With the weights of all else; those of the shipped planner if None.
-
-    Raises:
-        WeightsError: If the folder does not hold a planner, with one sentence that says why.
     """
 
-    def __init__(self, value: SeeingValue, folder: Path | None = None) -> None:
-        config, tensors = load_weights(folder)
+    def __init__(self, value: SeeingValue) -> None:
+        config, tensors = load_weights()
         super().__init__(config.with_planner(SETTINGS))
         self.load_tensors(tensors)
         self.value_network = self._value = value.eval()

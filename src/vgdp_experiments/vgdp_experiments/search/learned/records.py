@@ -1,50 +1,43 @@
-"""Weights of learned methods on disk: `model.safetensors` and `config.json`."""
+"""The weights of what is learned for searches."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
-
-from vgdp_planner.weights import CONFIG_FILE, MODEL_FILE, WeightsError, read_record
+from vgdp_planner.weights import WeightsError, read_record, read_tensors
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable
 
-    from torch import Tensor
+    from torch import nn
 
 WEIGHTS = Path(__file__).parents[2] / 'weights' / 'search'
-"""Folder of the weights that come with the package."""
+"""Folder of the weights that come with the package, with a folder for each method."""
+
+Networks = TypeVar('Networks', bound='nn.Module')
 
 
-def save_record(
-    folder: Path,
-    tensors: Mapping[str, Tensor],
-    config: dict[str, Any],
-    training: dict[str, Any],
-) -> None:
-    """Write weights, configuration and how they came about into a folder, creating it."""
-    folder.mkdir(parents=True, exist_ok=True)
-    save_file({name: tensor.contiguous() for name, tensor in tensors.items()}, folder / MODEL_FILE)
-    record = {'config': config, 'training': training}
-    (folder / CONFIG_FILE).write_text(json.dumps(record, indent=2) + '\n', encoding='utf-8')
+def load_networks(
+    folder: Path | None, method: str, what: str, build: Callable[[dict[str, Any]], Networks]
+) -> Networks:
+    """Read the networks of a method.
 
-
-def load_record(folder: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    """Read what `save_record` wrote: configuration and weights.
+    Args:
+        folder: As `save_record` of the planner wrote it; what comes with the package if None.
+        method: Its name among the learned ones.
+        what: It is called in a sentence.
+        build: Makes the networks from their configuration.
 
     Raises:
         WeightsError: If the folder does not hold them, with one sentence that says why.
     """
-    record = read_record(folder)
+    folder = folder or WEIGHTS / method
+    config, tensors = read_record(folder)['config'], read_tensors(folder)
     try:
-        return record['config'], load_file(folder / MODEL_FILE)
-    except FileNotFoundError as error:
-        msg = f'There are no weights in {folder}: {MODEL_FILE} is missing.'
+        networks = build(config)
+        networks.load_state_dict(tensors)
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        msg = f'The weights in {folder} are none of {what}.'
         raise WeightsError(msg) from error
-    except (SafetensorError, OSError) as error:
-        msg = f'{folder / MODEL_FILE} is damaged: {error}.'
-        raise WeightsError(msg) from error
+    return networks.eval()

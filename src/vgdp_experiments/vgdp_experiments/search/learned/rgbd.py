@@ -16,14 +16,14 @@ from torch import Tensor, nn
 
 from gridnav.partial_map import CHANNELS as MAP_CHANNELS
 from vgdp_experiments.search.learned.image_encoder import ViewEncoder, laid_out
-from vgdp_experiments.search.learned.records import WEIGHTS, load_record, save_record
+from vgdp_experiments.search.learned.records import load_networks
 from vgdp_experiments.search.learned.views import network_input
 from vgdp_planner import Config, ValueGuidedPlanner
 from vgdp_planner.belief import BeliefFilter
 from vgdp_planner.map_encoder import BeliefMapEncoder, MapTrunk
 from vgdp_planner.policy import DiffusionPolicy
 from vgdp_planner.value import ValueNetwork
-from vgdp_planner.weights import WeightsError, load_weights
+from vgdp_planner.weights import load_weights, save_record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,9 +31,6 @@ if TYPE_CHECKING:
 
     from vgdp_experiments.search.learned.views import SmallViews
     from vgdp_planner.config import PolicyConfig, ValueConfig
-
-SHIPPED = WEIGHTS / 'vgdp_rgbd'
-"""The weights that come with the package."""
 
 STEMS = ('policy.encoder.trunk.stem.weight', 'value.trunk.stem.weight')
 """The weights that read the map, and the embeddings of views beside it."""
@@ -145,7 +142,7 @@ class RgbdNetworks(nn.Module):
     def save(self, folder: Path, training: dict[str, Any]) -> None:
         """Write weights, configuration and how they came about into a folder, creating it."""
         config = {**self.config.planner.to_dict(), 'embedding': self.config.embedding}
-        save_record(folder, self.state_dict(), config, training)
+        save_record(folder, config, self.state_dict(), training)
 
     @classmethod
     def load(cls, folder: Path | None = None) -> RgbdNetworks:
@@ -154,15 +151,12 @@ class RgbdNetworks(nn.Module):
         Raises:
             WeightsError: If the folder does not hold it, with one sentence that says why.
         """
-        config, tensors = load_record(folder or SHIPPED)
-        try:
-            embedding = config.pop('embedding')
-            networks = cls(RgbdConfig(Config.from_dict(config), embedding))
-            networks.load_state_dict(tensors)
-        except (KeyError, TypeError, ValueError, RuntimeError) as error:
-            msg = f'The weights in {folder or SHIPPED} are none of a planner that reads images.'
-            raise WeightsError(msg) from error
-        return networks.eval()
+
+        def build(config: dict[str, Any]) -> RgbdNetworks:
+            sizes = {name: value for name, value in config.items() if name != 'embedding'}
+            return cls(RgbdConfig(Config.from_dict(sizes), config['embedding']))
+
+        return load_networks(folder, 'vgdp_rgbd', 'a planner that reads images', build)
 
 
 class RgbdPlanner(ValueGuidedPlanner):

@@ -46,16 +46,20 @@ class SmallViews(NamedTuple):
     points: NDArray[np.float32]
     bearings: NDArray[np.float32]
 
+    @classmethod
+    def empty(cls, *shape: int) -> SmallViews:
+        """Return views that show nothing and look nowhere."""
+        return cls(
+            np.zeros((*shape, HEIGHT, WIDTH, 3), dtype=np.uint8),
+            np.zeros((*shape, HEIGHT, WIDTH), dtype=np.uint16),
+            np.full((*shape, HEIGHT // STRIDE, WIDTH // STRIDE, 3), np.nan, dtype=np.float32),
+            np.full(shape, np.nan, dtype=np.float32),
+        )
+
 
 def small_views(frames: Sequence[RgbdFrame]) -> SmallViews:
     """Shrink frames: colour by its mean, depth by single pixels, as a mean would cut corners."""
-    count = len(frames)
-    made = SmallViews(
-        np.zeros((count, HEIGHT, WIDTH, 3), dtype=np.uint8),
-        np.zeros((count, HEIGHT, WIDTH), dtype=np.uint16),
-        np.full((count, HEIGHT // STRIDE, WIDTH // STRIDE, 3), np.nan, dtype=np.float32),
-        np.zeros(count, dtype=np.float32),
-    )
+    made = SmallViews.empty(len(frames))
     for index, frame in enumerate(frames):
         picture = Image.fromarray(frame.color).resize((WIDTH, HEIGHT), Image.Resampling.BOX)
         made.color[index] = np.asarray(picture)

@@ -40,8 +40,8 @@ ROBOT_RADIUS_M = 0.2
 GOAL_TOLERANCE_M = 1.5
 """Bottles stand on tables and counters."""
 
-GOAL_REACH_M = 0.9
-"""Done succeeds within 1 m, and where a bottle was seen to be may be wrong by a decimetre."""
+GOAL_REACH_M = 0.8
+"""Done succeeds within 1 m, and where a bottle was seen to be may be wrong by some decimetres."""
 
 BLOCKED_AFTER = 1
 """Moves of a scene's robot do not slip: where one leads nowhere there is something."""

@@ -19,6 +19,7 @@ from vgdp_experiments.search.mapping import SceneMapper
 from vgdp_experiments.search.noise import Sensors
 from vgdp_experiments.search.registry import SEARCHERS
 from vgdp_experiments.search.searchers import Sight
+from vgdp_experiments.search.views import small_views
 
 if TYPE_CHECKING:
     from avd_player.scene import Scene
@@ -98,8 +99,11 @@ def test_images_are_read_where_the_robot_was(
 
     class Looking(Watched):
         def decide(self, sight: Sight) -> list[int]:
-            names = {frame.name for frame in sight.views()}
-            assert names == set(simulation.seen_names)
+            assert set(simulation.looked_at) == set(simulation.seen_names)
+            frames = [Sensors(scene).frame(name) for name in simulation.looked_at]
+            expected = small_views([frame for frame in frames if frame is not None])
+            for seen, there in zip(sight.views(), expected, strict=True):
+                np.testing.assert_array_equal(seen, there)
             visited.add(simulation.position)
             return super().decide(sight)
 

@@ -7,7 +7,7 @@ the scene than the views of the positions where the robot was.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from avd_player.simulation import ActiveVisionSimulation
     from gridnav.metrics import EpisodeResult
-    from gridnav.rgbd import RgbdFrame
     from vgdp_experiments.search.searchers import Searcher
+    from vgdp_experiments.search.views import SmallViews
     from vgdp_planner.cycle import Observation
 
 IMAGE_WIDTH = 480
@@ -102,7 +102,7 @@ def search(
     while simulation.outcome is Outcome.RUNNING:
         try:
             observation, committed = _decide(
-                cycle, searcher, partial(_views, simulation, mapper.sensors, stamp)
+                cycle, searcher, partial(mapper.sensors.views, simulation.looked_at)
             )
         except (OccupiedError, OutsideMapError):
             # What is mapped leaves no place for the robot, and standing still changes nothing.
@@ -133,7 +133,7 @@ def search(
 
 
 def _decide(
-    cycle: PlanningCycle, searcher: Searcher, views: Callable[[], list[RgbdFrame]]
+    cycle: PlanningCycle, searcher: Searcher, views: Callable[[], SmallViews]
 ) -> tuple[Observation, list[int]]:
     """Return what to plan on and what is decided, as the planner's node does."""
     observation = cycle.observation()
@@ -147,12 +147,6 @@ def _decide(
             break
         observation, committed = again, searcher.decide(Sight(again.grid, views))
     return observation, committed
-
-
-def _views(simulation: ActiveVisionSimulation, sensors: Sensors, stamp: int) -> list[RgbdFrame]:
-    """Return what the robot sees now; images that can't be read are left out."""
-    frames = [sensors.frame(name) for name in simulation.looked_at]
-    return [replace(frame, stamp=stamp) for frame in frames if frame is not None]
 
 
 def _take_in(

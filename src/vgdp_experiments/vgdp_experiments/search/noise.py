@@ -13,8 +13,11 @@ from avd_player.avd_format import index_of
 from avd_player.homes.noise import DepthNoise, add_noise
 from avd_player.sources import mounted_pose
 from gridnav.rgbd import CLASSES, FrameError, Pose3D
+from vgdp_experiments.search.views import SmallViews, small_views
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import NDArray
 
     from avd_player.scene import Scene
@@ -89,6 +92,7 @@ class Sensors:
     noise: Noise = field(default_factory=Noise)
     seed: int = 0
     _poses: dict[str, Pose3D] = field(default_factory=dict, init=False, repr=False)
+    _views: dict[str, SmallViews] = field(default_factory=dict, init=False, repr=False)
 
     def pose(self, name: str) -> Pose3D:
         """Return where the robot says that it was, looking where an image looks."""
@@ -114,6 +118,19 @@ class Sensors:
         depth = add_noise(measured, DepthNoise(sigma=noise.depth), rng)
         depth[rng.random(depth.shape, np.float32) < noise.missing] = 0
         return replace(frame, depth=depth)
+
+    def views(self, names: Iterable[str]) -> SmallViews:
+        """Return what images show, made small; those that can't be read are left out.
+
+        They are kept, as reading an image again takes longer than most decisions.
+        """
+        return SmallViews.joined([self._view(name) for name in names])
+
+    def _view(self, name: str) -> SmallViews:
+        if name not in self._views:
+            frame = self.frame(name)
+            self._views[name] = small_views([] if frame is None else [frame])
+        return self._views[name]
 
     def segmenter(self, segmenter: Segmenter) -> Segmenter:
         """Return a segmenter as wrong as the noise has it."""

@@ -10,10 +10,10 @@ import numpy as np
 from vgdp_experiments.methods.frontier import NearestFrontier
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from gridnav import GridGeometry
-    from gridnav.rgbd import RgbdFrame
+    from vgdp_experiments.search.views import SmallViews
     from vgdp_planner.planner import ValueGuidedPlanner
     from vgdp_planner.planning_grid import PlanningGrid
 
@@ -29,7 +29,7 @@ class Sight:
     """
 
     grid: PlanningGrid
-    views: Callable[[], Sequence[RgbdFrame]]
+    views: Callable[[], SmallViews]
 
 
 class Searcher(Protocol):

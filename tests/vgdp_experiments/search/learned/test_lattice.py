@@ -26,7 +26,7 @@ from vgdp_experiments.search.learned.no_projector import (
     NoProjectorNetworks,
     NoProjectorPlanner,
 )
-from vgdp_experiments.search.learned.views import SmallViews
+from vgdp_experiments.search.views import SmallViews
 from vgdp_planner.planning_grid import PlanningGrid
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import torch
 from avd_player.scene import Scene
 from vgdp_experiments.search.learned.image_encoder import laid_out
 from vgdp_experiments.search.learned.rgbd import RgbdNetworks, RgbdPlanner
-from vgdp_experiments.search.learned.views import SmallViews, small_views
+from vgdp_experiments.search.views import SmallViews, small_views
 from vgdp_planner import ValueGuidedPlanner
 from vgdp_planner.weights import WeightsError
 

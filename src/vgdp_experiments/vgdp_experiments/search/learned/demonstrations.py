@@ -27,11 +27,11 @@ from gridnav.rgbd import FrameError
 from vgdp_experiments.map_codes import pack
 from vgdp_experiments.options import add_settings, read_settings
 from vgdp_experiments.preset_settings import require_positive
-from vgdp_experiments.search.learned.views import SmallViews, small_views
 from vgdp_experiments.search.loop import search
 from vgdp_experiments.search.mapping import SceneMapper
 from vgdp_experiments.search.noise import Sensors
 from vgdp_experiments.search.searchers import FrontierSearcher, PlannerSearcher, Searcher, Sight
+from vgdp_experiments.search.views import SmallViews, small_views
 from vgdp_planner import ValueGuidedPlanner
 
 if TYPE_CHECKING:

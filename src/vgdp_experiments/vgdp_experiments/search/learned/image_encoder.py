@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor, nn
 
-from vgdp_experiments.search.learned.views import CHANNELS
+from vgdp_experiments.search.views import CHANNELS
 
 MAX_OFF_RAD = math.pi / 6
 """A view says something of the cells whose bearing is no further from its own than this."""

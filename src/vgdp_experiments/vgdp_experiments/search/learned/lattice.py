@@ -18,12 +18,12 @@ from torch import Tensor, nn
 
 from avd_player.avd_format import GRID_M
 from gridnav import GOAL, NUM_MOVES
-from vgdp_experiments.search.learned.views import CHANNELS, STRIDE, network_input
+from vgdp_experiments.search.views import CHANNELS, STRIDE, network_input
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from vgdp_experiments.search.learned.views import SmallViews
+    from vgdp_experiments.search.views import SmallViews
     from vgdp_planner.planning_grid import PlanningGrid
 
 PIXEL_FEATURES = 16
@@ -47,6 +47,16 @@ class Points(NamedTuple):
     features: Tensor
     cells: Tensor
     views: Tensor
+
+    def joined(self, others: Points) -> Points:
+        """Return a point for each cell, with the largest of each feature there, of one view."""
+        cells, index = torch.unique(
+            torch.cat([self.cells, others.cells]), dim=0, return_inverse=True
+        )
+        features = torch.cat([self.features, others.features])
+        empty = torch.zeros(len(cells), features.shape[1])
+        largest = empty.scatter_reduce(0, index[:, None].expand_as(features), features, 'amax')
+        return Points(largest, cells, torch.zeros(len(cells), dtype=torch.long))
 
     def lattice(self, shape: tuple[int, int], shift: Tensor, kept: Tensor | None = None) -> Tensor:
         """Return the largest of each feature in each cell of a map, 0 where there is no point.
@@ -127,7 +137,7 @@ class LatticeMemory:
     def begin(self) -> None:
         """Forget everything: a new episode begins."""
         self._origin: tuple[float, float] | None = None
-        self._points: list[Points] = []
+        self._points: Points | None = None
         self._stood: list[Tensor] = []
 
     @torch.no_grad()
@@ -145,14 +155,14 @@ class LatticeMemory:
         shift = cell_shift(self._origin, corner)
         read = network_input(views.color, views.depth)
         origin = torch.tensor(self._origin, dtype=torch.float32)
-        self._points.append(self._net(read, torch.from_numpy(views.points), origin))
+        seen = self._net(read, torch.from_numpy(views.points), origin)
+        self._points = seen if self._points is None else self._points.joined(seen)
         self._stood.append(torch.tensor(grid.start) - shift)
-        points = Points(*map(torch.cat, zip(*self._points, strict=True)))
         goal = torch.from_numpy(grid.partial_map[None, GOAL])
         stood = torch.zeros_like(goal)
         rows, cols = (torch.stack(self._stood) + shift).T
         stood[0, rows, cols] = 1.0
-        lattice = points.lattice(geometry.shape, shift)
+        lattice = self._points.lattice(geometry.shape, shift)
         return torch.cat([lattice, goal, stood])[None]
 
 

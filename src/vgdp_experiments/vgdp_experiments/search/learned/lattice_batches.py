@@ -15,7 +15,7 @@ from gridnav import GOAL
 from vgdp_experiments.search.learned.batches import TURNS, Turn, cell_of
 from vgdp_experiments.search.learned.lattice import LatticePointNet, cell_shift, heading_of
 from vgdp_experiments.search.learned.train_calvin_2d import PAST, way_weights
-from vgdp_experiments.search.learned.views import network_input
+from vgdp_experiments.search.views import network_input
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from gridnav.partial_map import CHANNELS as MAP_CHANNELS
 from vgdp_experiments.search.learned.image_encoder import ViewEncoder, laid_out
 from vgdp_experiments.search.learned.records import load_networks
-from vgdp_experiments.search.learned.views import network_input
+from vgdp_experiments.search.views import network_input
 from vgdp_planner import Config, ValueGuidedPlanner
 from vgdp_planner.belief import BeliefFilter
 from vgdp_planner.map_encoder import BeliefMapEncoder, MapTrunk
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from vgdp_experiments.search.learned.views import SmallViews
+    from vgdp_experiments.search.views import SmallViews
     from vgdp_planner.config import PolicyConfig, ValueConfig
 
 STEMS = ('policy.encoder.trunk.stem.weight', 'value.trunk.stem.weight')

@@ -18,7 +18,6 @@ from vgdp_experiments.search.learned.object_value import (
 )
 from vgdp_experiments.search.learned.records import WEIGHTS
 from vgdp_experiments.search.learned.rgbd import RgbdNetworks, RgbdPlanner
-from vgdp_experiments.search.learned.views import small_views
 from vgdp_planner.safety import SafetyCheck
 
 if TYPE_CHECKING:
@@ -70,7 +69,7 @@ class Calvin3DSearcher:
     def decide(self, sight: Sight) -> list[int]:
         """Return one step. The robot looks where the last of its views does."""
         grid = sight.grid
-        views = small_views(sight.views())
+        views = sight.views()
         found = self._model(self._memory.look(views, grid))
         heading = int(heading_of(views.bearings[-1:])[0])
         return safe_step(found.q_values[0, heading, :, *grid.start].numpy(), grid)
@@ -96,7 +95,7 @@ class NoProjectorSearcher:
     def decide(self, sight: Sight) -> list[int]:
         """Return the step that the planner commits, or the best one if no plan may be begun."""
         grid = sight.grid
-        lattice = self._memory.look(small_views(sight.views()), grid)
+        lattice = self._memory.look(sight.views(), grid)
         q_values = self._planner.look(lattice)
         plan = self._planner.plan(grid.partial_map, grid.start)
         if plan.status == 'stuck':
@@ -136,7 +135,7 @@ class RgbdSearcher:
         """Return what the planner commits."""
         grid = sight.grid
         rows, cols = grid.partial_map.shape[1:]
-        self._planner.look(small_views(sight.views()), grid.start, (rows, cols))
+        self._planner.look(sight.views(), grid.start, (rows, cols))
         return self._planner.plan(grid.partial_map, grid.start).committed
 
 
@@ -159,6 +158,6 @@ class ObjectValueSearcher:
     def decide(self, sight: Sight) -> list[int]:
         """Return what the planner commits."""
         grid = sight.grid
-        points = small_views(sight.views()).points
+        points = sight.views().points
         self._planner.look(self._memory.look(points, grid.start, grid.geometry))
         return self._planner.plan(grid.partial_map, grid.start).committed

@@ -19,7 +19,7 @@ from vgdp_experiments.search.learned.batches import TURNS, Turn
 from vgdp_experiments.search.learned.choices import choice_loss
 from vgdp_experiments.search.learned.rgbd import RgbdNetworks
 from vgdp_experiments.search.learned.training import SearchTraining, train_networks
-from vgdp_experiments.search.learned.views import network_input
+from vgdp_experiments.search.views import network_input
 from vgdp_planner.analog_bits import NUM_BITS
 from vgdp_planner.config import preset
 

@@ -1,4 +1,4 @@
-"""Views made small enough to learn from: colour, depth, and where they were taken from."""
+"""Views made small: colour, depth, and where they were taken from."""
 
 from __future__ import annotations
 
@@ -55,6 +55,11 @@ class SmallViews(NamedTuple):
             np.full((*shape, HEIGHT // STRIDE, WIDTH // STRIDE, 3), np.nan, dtype=np.float32),
             np.full(shape, np.nan, dtype=np.float32),
         )
+
+    @classmethod
+    def joined(cls, parts: Sequence[SmallViews]) -> SmallViews:
+        """Return the views of several, one after the other."""
+        return cls(*map(np.concatenate, zip(cls.empty(0), *parts, strict=True)))
 
 
 def small_views(frames: Sequence[RgbdFrame]) -> SmallViews:

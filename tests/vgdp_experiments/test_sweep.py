@@ -284,7 +284,7 @@ def test_every_evaluation_has_its_page(
     Results.join(parts, jobs).save(path)
     page = page_of(path)
     assert page.text.startswith('# ')
-    assert f'vgdp eval {name}' in page.text
+    assert f'`vgdp eval {name} {"--paper " if name == "table" else ""}--trials 2' in page.text
     for picture, figure in page.pictures.items():
         assert f']({picture})' in page.text
         figure.savefig(tmp_path / picture)

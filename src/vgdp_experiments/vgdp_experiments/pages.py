@@ -59,6 +59,20 @@ def origin(results: Results) -> str:
     return f'Weights: {weights or "none"}. Versions: {versions}.'
 
 
+def command(words: str, results: Results) -> str:
+    """Return the command that gives results again, with as many episodes of each kind.
+
+    Args:
+        words: The command.
+        results: The results.
+    """
+    counts = {(place.trials, place.episodes) for place in results.places.values()}
+    if len(counts) != 1:
+        return words
+    [(trials, episodes)] = counts
+    return f'{words} --trials {trials} --episodes {episodes}'
+
+
 def describe(place: PlaceResults) -> str:
     """Say where the robots were tried, and how often."""
     return f'{place.setting.describe()}, {place.trials} × {place.episodes} {place.setting.unit}'

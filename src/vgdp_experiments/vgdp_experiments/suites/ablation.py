@@ -9,6 +9,7 @@ from vgdp_experiments import sweep
 from vgdp_experiments.jobs import Variant
 from vgdp_experiments.pages import (
     MISSING,
+    command,
     describe,
     details,
     explanation,
@@ -48,7 +49,7 @@ TEXT = """\
 
 The rows of the paper's ablation and beyond, all with the same weights.
 
-`vgdp eval ablation`
+`{command}`
 
 {origin}
 
@@ -77,7 +78,10 @@ def page(results: Results) -> Page:
         parts.append(f'\n{details(place)}\n')
     return Page(
         TEXT.format(
-            origin=origin(results), explanation=explanation(), table='\n'.join(parts).rstrip()
+            command=command('vgdp eval ablation', results),
+            origin=origin(results),
+            explanation=explanation(),
+            table='\n'.join(parts).rstrip(),
         )
     )
 

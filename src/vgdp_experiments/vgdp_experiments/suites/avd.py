@@ -12,6 +12,7 @@ from vgdp_experiments import plots, sweep
 from vgdp_experiments.jobs import Variant
 from vgdp_experiments.pages import (
     MISSING,
+    command,
     describe,
     details,
     markdown_table,
@@ -211,7 +212,7 @@ def pooled(places: Sequence[PlaceResults]) -> PlaceResults:
 
 
 def page(
-    results: Results, *, title: str, about: str, command: str, published: dict[str, Rates]
+    results: Results, *, title: str, about: str, words: str, published: dict[str, Rates]
 ) -> Page:
     """Show the results beside the paper's."""
     whole = pooled(list(results.places.values()))
@@ -234,7 +235,7 @@ def page(
     text = TEXT.format(
         title=title,
         about=about,
-        command=command,
+        command=command(words, results),
         origin=origin(results),
         explanation=EXPLANATION,
         success=markdown_table(('scene', *theirs_names, *ours), successes),
@@ -249,7 +250,7 @@ ABLATION_TEXT = """\
 The rows of the paper's ablation, here of the policy that was trained on mazes alone, in homes. The
 paper's are of the policy that was trained with images, in Home_001_1.
 
-`vgdp eval avd --ablation`
+`{command}`
 
 {origin}
 
@@ -272,6 +273,7 @@ def ablation_page(results: Results) -> Page:
     headings = ('method', 'what it is', 'paper', 'success', 'SPL / frontier')
     return Page(
         ABLATION_TEXT.format(
+            command=command('vgdp eval avd --ablation', results),
             origin=origin(results),
             explanation=EXPLANATION,
             table=markdown_table(headings, rows),
@@ -286,7 +288,7 @@ CURVES_TEXT = """\
 Success and SPL against the amount of each kind of noise, the others at none; bands are 95 %
 intervals. A false box is a mistake of the detector; the robot gives up what it does not see again.
 
-`vgdp eval avd --curves`
+`{command}`
 
 {origin}
 
@@ -311,7 +313,11 @@ def curves_page(results: Results) -> Page:
         pictures[file] = _draw(what, {value: scores[noise] for value, noise in shown.items()})
         sections.append(f'\n## {kind}\n\n![Success and SPL against {what}]({file})\n')
         sections += [f'\n{describe(found[n])}\n\n{details(found[n])}\n' for n in shown.values()]
-    text = CURVES_TEXT.format(origin=origin(results), explanation=EXPLANATION)
+    text = CURVES_TEXT.format(
+        command=command('vgdp eval avd --curves', results),
+        origin=origin(results),
+        explanation=EXPLANATION,
+    )
     return Page(text + ''.join(sections), pictures)
 
 
@@ -338,7 +344,7 @@ AVD = Suite(
         page,
         title='Searching a bottle in homes',
         about=ABOUT,
-        command='vgdp eval avd',
+        words='vgdp eval avd',
         published=PUBLISHED,
     ),
     episodes=50,
@@ -352,7 +358,7 @@ NOISY = Suite(
         page,
         title='Searching a bottle in homes, with noise on depth',
         about=ABOUT_NOISY,
-        command='vgdp eval avd --noisy',
+        words='vgdp eval avd --noisy',
         published=PUBLISHED_NOISY,
     ),
     episodes=50,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from vgdp_experiments import plots, sweep
 from vgdp_experiments.jobs import Variant
-from vgdp_experiments.pages import describe, details, explanation, origin
+from vgdp_experiments.pages import command, describe, details, explanation, origin
 from vgdp_experiments.settings import Setting
 from vgdp_experiments.suite import Page, Suite
 
@@ -38,7 +38,7 @@ cell for the true one. Both plan anew after every step. The map is built from tr
 A step that slips leads to a cell beside the right one, or nowhere. A step into an obstacle ends
 the episode, as everywhere here. Bands are 95 % intervals.
 
-`vgdp eval belief`
+`{command}`
 
 {origin}
 
@@ -48,7 +48,11 @@ the episode, as everywhere here. Bands are 95 % intervals.
 
 def page(results: Results) -> Page:
     """Show the results as curves."""
-    text = TEXT.format(origin=origin(results), explanation=explanation())
+    text = TEXT.format(
+        command=command('vgdp eval belief', results),
+        origin=origin(results),
+        explanation=explanation(),
+    )
     pictures = {f'belief_{key}.png': _draw(results, key) for key in SWEPT}
     shown = ''.join(
         f'\n![Success and SPL against {SWEPT[key][0]}](belief_{key}.png)\n' for key in SWEPT

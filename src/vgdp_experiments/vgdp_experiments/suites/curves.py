@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from vgdp_experiments import plots, sweep
 from vgdp_experiments.jobs import Variant
-from vgdp_experiments.pages import describe, details, explanation, origin
+from vgdp_experiments.pages import command, describe, details, explanation, origin
 from vgdp_experiments.settings import Setting
 from vgdp_experiments.suite import Page, Suite
 
@@ -31,7 +31,7 @@ One setting of the planner at a time gets other values; the rest stays as shippe
 is the shipped value, the dashed one `greedy`: steps on the same values without any sample.
 Bands are 95 % intervals.
 
-`vgdp eval curves`
+`{command}`
 
 {origin}
 
@@ -50,7 +50,11 @@ def page(results: Results) -> Page:
             pictures[file] = _draw(place, setting)
             sections.append(f'\n![Success, SPL and time against {what}]({file})\n')
         sections.append(f'\n{details(place)}\n')
-    text = TEXT.format(origin=origin(results), explanation=explanation())
+    text = TEXT.format(
+        command=command('vgdp eval curves', results),
+        origin=origin(results),
+        explanation=explanation(),
+    )
     return Page(text + ''.join(sections), pictures)
 
 

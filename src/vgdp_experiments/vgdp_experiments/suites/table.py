@@ -10,6 +10,7 @@ from vgdp_experiments import sweep
 from vgdp_experiments.jobs import Variant
 from vgdp_experiments.pages import (
     MISSING,
+    command,
     describe,
     details,
     explanation,
@@ -100,7 +101,7 @@ def page(results: Results, *, published: bool = True) -> Page:
     names = [f'`{name}`' for name in methods]
     columns = [f'{name} (published)' for name in PUBLISHED_METHODS] if published else []
     text = TEXT.format(
-        command='vgdp eval table --paper',
+        command=command('vgdp eval table --paper', results),
         origin=origin(results),
         explanation=explanation(),
         success=markdown_table(('mazes', *columns, *names), successes),

@@ -9,6 +9,7 @@ from vgdp_experiments import sweep
 from vgdp_experiments.jobs import Variant
 from vgdp_experiments.pages import (
     MISSING,
+    command,
     describe,
     details,
     explanation,
@@ -31,7 +32,7 @@ TEXT = """\
 Rooms with doors, caves, obstacle fields, mazes with loops and a map of the map server. Each world
 has its own parameters, drawn widely; in the map, starts and goals are drawn.
 
-`vgdp eval worlds`
+`{command}`
 
 {origin}
 
@@ -64,6 +65,7 @@ def page(results: Results) -> Page:
         *(f'SPL: `{name}` / `frontier`' for name in METHODS[:2]),
     )
     text = TEXT.format(
+        command=command('vgdp eval worlds', results),
         origin=origin(results),
         explanation=explanation(),
         table=markdown_table(headings, rows),

@@ -306,12 +306,12 @@ class ValueGuidedPlanner:
         return robots
 
     def _worth(self, maps: Tensor, robots: Sequence[_Robot]) -> Tensor | None:
-        """Return the worth of the unseen, (B, H, W); None if the value function has none.
+        """Return the worth of the unseen, (B, H, W); None if it can't be kept from map to map.
 
         That is most of the work on large maps, and it depends on the map alone: the network is
         asked only where the map is not the one of the last decision.
         """
-        if self.config.value.unseen != 'boundary':
+        if self.config.value.unseen != 'boundary' or not self.value_network.reads_map_alone:
             return None
         new = [
             row

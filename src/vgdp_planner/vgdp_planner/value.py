@@ -101,7 +101,13 @@ class MotionModel(nn.Module):
 
 
 class ValueNetwork(nn.Module):
-    """Rewards of equation 8 and value iteration (eq. `QMDP_bellman`) on a partial map."""
+    """Rewards of equation 8 and value iteration (eq. `QMDP_bellman`) on a partial map.
+
+    Attributes:
+        reads_map_alone: Whether a map that is the same has the same worth again.
+    """
+
+    reads_map_alone = True
 
     def __init__(self, config: ValueConfig) -> None:
         super().__init__()

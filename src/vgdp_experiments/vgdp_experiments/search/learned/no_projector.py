@@ -25,7 +25,6 @@ from vgdp_planner.value import Values
 from vgdp_planner.weights import load_weights, save_record
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
 
     from vgdp_planner.value import ValueNetwork
@@ -144,6 +143,7 @@ class _FoundValues(nn.Module):
         found: For the decision that is due.
     """
 
+    reads_map_alone = False
     found: Values
 
     def forward(self, partial_maps: Tensor, worth: None = None) -> Values:  # noqa: ARG002
@@ -174,6 +174,3 @@ class NoProjectorPlanner(ValueGuidedPlanner):
         self._networks.read(learned)
         self._values.found = self._networks.value.values(learned)
         return self._values.found.q_values[0]
-
-    def _worth(self, maps: Tensor, robots: Sequence[Any]) -> None:
-        """Return nothing: CALVIN's values know no worth of the unseen."""

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from avd_player.avd_format import GRID_M
 from vgdp_experiments.search.learned.records import load_networks
@@ -21,7 +20,6 @@ from vgdp_planner import Config, ValueGuidedPlanner
 from vgdp_planner.weights import load_part, load_weights, save_record
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -148,7 +146,3 @@ class ObjectSearchPlanner(ValueGuidedPlanner):
     def look(self, heights: NDArray[np.float32]) -> None:
         """Take in a height map (C, H, W), which lies where the partial map does."""
         self._value.seen = torch.from_numpy(heights)[None]
-
-    def _worth(self, maps: Tensor, robots: Sequence[Any]) -> Tensor:  # noqa: ARG002
-        """Ask anew each time: more may be known of the heights although the map is the same."""
-        return self._value.worth_of_unseen(maps)

@@ -26,7 +26,6 @@ from vgdp_planner.value import ValueNetwork
 from vgdp_planner.weights import load_weights, save_record
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
 
     from vgdp_experiments.search.views import SmallViews
@@ -81,6 +80,8 @@ class SeeingValue(ValueNetwork):
     Attributes:
         seen: More channels of the map, such as the embeddings laid over it, (B, C, H, W).
     """
+
+    reads_map_alone = False
 
     def __init__(self, config: ValueConfig, channels: int) -> None:
         super().__init__(config)
@@ -181,7 +182,3 @@ class RgbdPlanner(ValueGuidedPlanner):
             torch.tensor([cell]),
             shape,
         )
-
-    def _worth(self, maps: Tensor, robots: Sequence[Any]) -> Tensor:  # noqa: ARG002
-        """Ask anew at each decision: the images may be others although the map is the same."""
-        return self.value_network.worth_of_unseen(maps)

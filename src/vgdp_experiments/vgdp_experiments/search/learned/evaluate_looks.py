@@ -19,13 +19,16 @@ import torch
 from tqdm import tqdm
 
 from vgdp_experiments.files import write_whole
+from vgdp_experiments.jobs import hash_of
 from vgdp_experiments.options import add_settings, read_settings
 from vgdp_experiments.pages import markdown_table
 from vgdp_experiments.preset_settings import require_positive
 from vgdp_experiments.search.learned.batches import HomeBatches
 from vgdp_experiments.search.learned.demonstrations import load_homes
 from vgdp_experiments.search.learned.object_value import begin_value, load_value
+from vgdp_experiments.search.learned.records import WEIGHTS
 from vgdp_experiments.search.learned.train_object import heights_at
+from vgdp_planner.weights import SHIPPED as PLANNER
 
 if TYPE_CHECKING:
     import argparse
@@ -83,10 +86,8 @@ def run(arguments: argparse.Namespace) -> int:
     settings = read_settings(LookSettings, arguments)
     torch.set_num_threads(settings.threads)
     homes = load_homes(Path(settings.data), only=settings.homes.split(','))
-    values = {
-        MAZES: begin_value().eval(),
-        HOMES: load_value(Path(settings.weights) if settings.weights else None),
-    }
+    own = Path(settings.weights) if settings.weights else WEIGHTS / 'vgdp_object'
+    values = {MAZES: begin_value().eval(), HOMES: load_value(own)}
     lost = lost_by_looks(HomeBatches(homes), values, settings.decisions, settings.seed)
     scores = {name: score(each) for name, each in lost.items()}
     rows = [
@@ -102,8 +103,12 @@ def run(arguments: argparse.Namespace) -> int:
     if settings.json:
         # Where things lie on a machine plays no part.
         kept = {**asdict(settings), 'data': '', 'weights': '', 'json': ''}
-        written = json.dumps({'settings': kept, 'scores': scores}, indent=2) + '\n'
-        write_whole(Path(settings.json), written)
+        found = {
+            'settings': kept,
+            'weights': {MAZES: hash_of(PLANNER), HOMES: hash_of(own)},
+            'scores': scores,
+        }
+        write_whole(Path(settings.json), json.dumps(found, indent=2) + '\n')
     return 0
 
 

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 TIMEOUT_S = 15.0
 
+OUTPUT_TIMEOUT_S = 60.0
+"""Importing PyTorch takes long on a busy machine."""
+
 _probes = itertools.count()
 
 
@@ -76,7 +79,9 @@ class NodeProcess:
     def wait_output(self, text: str) -> None:
         """Wait until it has written a text."""
         try:
-            wait_for(lambda: text in self.output or self.process.poll() is not None)
+            wait_for(
+                lambda: text in self.output or self.process.poll() is not None, OUTPUT_TIMEOUT_S
+            )
         finally:
             assert text in self.output, self.output
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from vgdp_experiments.scores import Scores
 
 INK, FAINT = '#2b303b', '#8a93a3'
-COLORS = ('#3b7dd8', '#f08c2e', '#2f9e77', '#8e5bb5')
+COLORS = ('#3b7dd8', '#f08c2e', '#2f9e77', '#8e5bb5', '#c9485b', '#5f6877')
 SHADE = 0.18
 CELL_COLORS = {UNKNOWN_VALUE: '#dfe3ea', FREE_VALUE: '#ffffff', OCCUPIED_VALUE: '#3b4252'}
 
@@ -58,15 +58,22 @@ def curve(
     *,
     name: str | None = None,
     color: int = 0,
+    shade: float = SHADE,
 ) -> None:
-    """Draw a curve with a band around it."""
+    """Draw a curve with a band around it, of some opacity."""
     axes.plot(x, y, 'o-', color=COLORS[color], lw=2, ms=4, label=name)
     if band is not None:
-        axes.fill_between(x, *band, color=COLORS[color], alpha=SHADE, lw=0)
+        axes.fill_between(x, *band, color=COLORS[color], alpha=shade, lw=0)
 
 
 def score_curves(
-    success: Axes, spl: Axes, x: Sequence[float], scores: Sequence[Scores], name: str, color: int
+    success: Axes,
+    spl: Axes,
+    x: Sequence[float],
+    scores: Sequence[Scores],
+    name: str,
+    color: int,
+    shade: float = SHADE,
 ) -> None:
     """Draw success and SPL by path cost with their 95 % intervals, each in a panel of its own."""
     summaries = [score.summary for score in scores]
@@ -77,6 +84,7 @@ def score_curves(
         ([s.success_low for s in summaries], [s.success_high for s in summaries]),
         name=name,
         color=color,
+        shade=shade,
     )
     curve(
         spl,
@@ -85,6 +93,7 @@ def score_curves(
         ([s.spl_interval[0] for s in scores], [s.spl_interval[1] for s in scores]),
         name=name,
         color=color,
+        shade=shade,
     )
 
 

@@ -218,7 +218,9 @@ def test_every_page(tmp_path: Path, suite: Suite) -> None:
     path = tmp_path / 'results.json'
     Results.join(parts, jobs).save(path)
     page = page_of(path)
-    assert re.search(r'`vgdp eval avd( --\w+)? --trials 2 --episodes 1`', page.text)
+    assert re.search(
+        r'`vgdp eval avd( --\w+)?( --scenes [\w ]+)? --trials 2 --episodes 1`', page.text
+    )
     for picture, figure in page.pictures.items():
         assert f']({picture})' in page.text
         figure.savefig(tmp_path / picture)

@@ -202,12 +202,9 @@ def pooled(places: Sequence[PlaceResults]) -> PlaceResults:
             for trial, more in zip(trials, place.methods[name].trials, strict=True):
                 trial.extend(more)
         methods[name] = MethodResults(results.settings, trials)
-    scenes = f'{len(places)} scenes'
-    setting = (
-        replace(first.setting, scene=scenes)
-        if isinstance(first.setting, HomeSetting)
-        else first.setting
-    )
+    setting = first.setting
+    if isinstance(setting, HomeSetting) and len(places) > 1:
+        setting = replace(setting, scene=f'{len(places)} scenes')
     return PlaceResults(setting, methods)
 
 
@@ -299,8 +296,11 @@ intervals. A false box is a mistake of the detector; the robot gives up what it 
 def curves_page(results: Results) -> Page:
     """Show the results as curves."""
     by_noise: dict[Noise, list[PlaceResults]] = {}
+    scenes: list[str] = []
     for place in results.places.values():
         if isinstance(place.setting, HomeSetting):
+            if place.setting.scene not in scenes:
+                scenes.append(place.setting.scene)
             by_noise.setdefault(place.setting.noise, []).append(place)
     found = {noise: pooled(places) for noise, places in by_noise.items()}
     scores = {noise: place.scores() for noise, place in found.items()}
@@ -314,7 +314,7 @@ def curves_page(results: Results) -> Page:
         sections.append(f'\n## {kind}\n\n![Success and SPL against {what}]({file})\n')
         sections += [f'\n{describe(found[n])}\n\n{details(found[n])}\n' for n in shown.values()]
     text = CURVES_TEXT.format(
-        command=command('vgdp eval avd --curves', results),
+        command=command(f'vgdp eval avd --curves --scenes {" ".join(scenes)}', results),
         origin=origin(results),
         explanation=EXPLANATION,
     )
@@ -326,10 +326,11 @@ def _draw(what: str, scores: dict[float, dict[str, Scores]]) -> Figure:
     plots.label(left, what, 'success')
     plots.label(right, what, 'SPL')
     names = [name for name in next(iter(scores.values()), {}) if name != 'clairvoyant']
-    for color, name in enumerate(names[: len(plots.COLORS)]):
-        plots.score_curves(
-            left, right, list(scores), [each[name] for each in scores.values()], name, color
-        )
+    for color, name in enumerate(names):
+        found = [each[name] for each in scores.values()]
+        # Many bands lie over one another.
+        shade = plots.SHADE / len(names) ** 0.5
+        plots.score_curves(left, right, list(scores), found, name, color, shade)
     plots.legend(left)
     return figure
 

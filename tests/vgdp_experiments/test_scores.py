@@ -52,6 +52,14 @@ def test_interval_of_the_ratio_is_paired(scores: dict[str, Scores]) -> None:
     assert scores['vgdp'].ratio_interval == pytest.approx((1.25, 1.25))
 
 
+def test_any_method_can_be_the_reference(spl: list[float]) -> None:
+    """Ratios are then over its SPL, the intervals' resamples too."""
+    half = [value / 2 for value in spl]
+    scores = score_methods({'vgdp': of_spl(half), 'greedy': of_spl(spl)}, reference='greedy')
+    assert scores['vgdp'].spl_ratio == pytest.approx(0.5)
+    assert scores['vgdp'].ratio_interval == pytest.approx((0.5, 0.5))
+
+
 def test_deviation_over_trials(scores: dict[str, Scores], spl: list[float]) -> None:
     """It is the one of the trials' means."""
     means = np.reshape(spl, (4, -1)).mean(axis=1)

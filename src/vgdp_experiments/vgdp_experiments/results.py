@@ -15,7 +15,7 @@ from vgdp_experiments.jobs import (
     trial_from_dict,
     trial_to_dict,
 )
-from vgdp_experiments.scores import MethodResults, Scores, Trial, score_methods
+from vgdp_experiments.scores import REFERENCE, MethodResults, Scores, Trial, score_methods
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,9 +46,9 @@ class PlaceResults:
     setting: AnySetting
     methods: dict[str, MethodResults]
 
-    def scores(self) -> dict[str, Scores]:
-        """Score every method."""
-        return score_methods(self.methods)
+    def scores(self, reference: str = REFERENCE) -> dict[str, Scores]:
+        """Score every method; ratios of SPL are over that of the reference."""
+        return score_methods(self.methods, reference)
 
     def cut(self, budget: int) -> PlaceResults:
         """Return what would have come out with a smaller budget.

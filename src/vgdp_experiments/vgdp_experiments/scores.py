@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 REFERENCE = 'frontier'
-"""The method that the others' SPL is compared with."""
+"""The method that the others' SPL is compared with, unless another is named."""
 
 RESAMPLES = 2000
 """So many times the mazes are drawn anew for a bootstrap interval."""
@@ -95,8 +95,15 @@ class Scores:
         return 1e3 / self.ms_per_decision if self.ms_per_decision else 0.0
 
 
-def score_methods(methods: Mapping[str, MethodResults]) -> dict[str, Scores]:
-    """Score methods that were evaluated on the same mazes."""
+def score_methods(
+    methods: Mapping[str, MethodResults], reference: str = REFERENCE
+) -> dict[str, Scores]:
+    """Score methods that were evaluated on the same mazes.
+
+    Args:
+        methods: Results by the method's name.
+        reference: The method that the others' SPL is compared with.
+    """
     spl = {
         name: np.array([result.spl for trial in results.trials for result in trial.results])
         for name, results in methods.items()
@@ -106,8 +113,8 @@ def score_methods(methods: Mapping[str, MethodResults]) -> dict[str, Scores]:
     for name, results in methods.items():
         trials = [summarize(trial.results) for trial in results.trials]
         several = len(trials) > 1
-        compared = REFERENCE in spl and spl[REFERENCE].any()
-        comparable = compared and resampled[REFERENCE].all()
+        compared = reference in spl and spl[reference].any()
+        comparable = compared and resampled[reference].all()
         decisions = sum(trial.decisions for trial in results.trials)
         seconds = sum(trial.seconds for trial in results.trials)
         scores[name] = Scores(
@@ -116,9 +123,9 @@ def score_methods(methods: Mapping[str, MethodResults]) -> dict[str, Scores]:
             spl_sd=statistics.stdev(trial.spl for trial in trials) if several else None,
             spl_interval=_interval(resampled[name]),
             ms_per_decision=1e3 * seconds / max(decisions, 1),
-            spl_ratio=float(spl[name].mean() / spl[REFERENCE].mean()) if compared else None,
+            spl_ratio=float(spl[name].mean() / spl[reference].mean()) if compared else None,
             ratio_interval=(
-                _interval(resampled[name] / resampled[REFERENCE]) if comparable else None
+                _interval(resampled[name] / resampled[reference]) if comparable else None
             ),
         )
     return scores

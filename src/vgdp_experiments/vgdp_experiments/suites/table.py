@@ -64,6 +64,14 @@ same data, `frontier` explores the nearest frontier.
 ## SPL over that of nearest-frontier exploration
 
 {ratios}
+{samples}"""
+
+ABOUT_SAMPLES = """
+## What the samples add
+
+SPL of the whole planner over that of greedy steps on its values, on the same mazes.
+
+{table}
 """
 
 ABOUT_PUBLISHED = """
@@ -89,7 +97,7 @@ def page(results: Results, *, published: bool = True) -> Page:
     """Show the results, beside the paper's where that is asked for."""
     found = {name for place in results.places.values() for name in place.methods}
     methods = [name for name in METHODS if name in found]
-    successes, ratios, sections = [], [], []
+    successes, ratios, over_greedy, sections = [], [], [], []
     for name, place in with_small_budget(results.places).items():
         scores = place.scores()
         theirs = [with_sd(*rate) for rate in PUBLISHED[name]] if published else []
@@ -97,6 +105,8 @@ def page(results: Results, *, published: bool = True) -> Page:
         ours = [success(scores[m]) if m in scores else MISSING for m in methods]
         successes.append((where, *theirs, *ours))
         ratios.append((where, *(ratio(scores[m]) if m in scores else MISSING for m in methods)))
+        if {'vgdp', 'greedy'} <= place.methods.keys():
+            over_greedy.append((where, ratio(place.scores('greedy')['vgdp'])))
         sections.append(f'\n## {describe(place)}\n\n{details(place)}\n')
     names = [f'`{name}`' for name in methods]
     columns = [f'{name} (published)' for name in PUBLISHED_METHODS] if published else []
@@ -107,6 +117,11 @@ def page(results: Results, *, published: bool = True) -> Page:
         success=markdown_table(('mazes', *columns, *names), successes),
         published=ABOUT_PUBLISHED if published and LARGEST in results.places else '',
         ratios=markdown_table(('mazes', *names), ratios),
+        samples=(
+            ABOUT_SAMPLES.format(table=markdown_table(('mazes', '`vgdp` / `greedy`'), over_greedy))
+            if over_greedy
+            else ''
+        ),
     )
     return Page(text + ''.join(sections))
 

@@ -93,10 +93,10 @@ def run(arguments: argparse.Namespace) -> int:
     rows = [
         (
             name,
-            f'{found["mean"]:.2f} ± {found["interval"]:.2f}',
-            f'{found["far"]:.3f}',
+            f'{score["mean"]:.2f} ± {score["interval"]:.2f}',
+            f'{score["far"]:.3f}',
         )
-        for name, found in scores.items()
+        for name, score in scores.items()
     ]
     headings = ('choice', 'cells lost a choice (95 %)', f'lost more than {FAR_CELLS:g}')
     print(markdown_table(headings, rows))  # noqa: T201

@@ -53,9 +53,7 @@ class Points(NamedTuple):
         cells, index = torch.unique(
             torch.cat([self.cells, others.cells]), dim=0, return_inverse=True
         )
-        features = torch.cat([self.features, others.features])
-        empty = torch.zeros(len(cells), features.shape[1])
-        largest = empty.scatter_reduce(0, index[:, None].expand_as(features), features, 'amax')
+        largest = _largest(torch.cat([self.features, others.features]), index, len(cells))
         return Points(largest, cells, torch.zeros(len(cells), dtype=torch.long))
 
     def lattice(self, shape: tuple[int, int], shift: Tensor, kept: Tensor | None = None) -> Tensor:
@@ -73,10 +71,8 @@ class Points(NamedTuple):
         cells = self.cells + shift
         inside = ((cells >= 0) & (cells < torch.tensor(shape))).all(dim=1)
         inside = inside if kept is None else inside & kept
-        index = (cells[inside, 0] * cols + cells[inside, 1])[:, None]
-        features = self.features[inside]
-        empty = torch.zeros(rows * cols, features.shape[1])
-        largest = empty.scatter_reduce(0, index.expand_as(features), features, 'amax')
+        index = cells[inside, 0] * cols + cells[inside, 1]
+        largest = _largest(self.features[inside], index, rows * cols)
         return largest.T.reshape(-1, rows, cols)
 
 
@@ -164,6 +160,21 @@ class LatticeMemory:
         stood[0, rows, cols] = 1.0
         lattice = self._points.lattice(geometry.shape, shift)
         return torch.cat([lattice, goal, stood])[None]
+
+
+def _largest(features: Tensor, places: Tensor, count: int) -> Tensor:
+    """Return the largest of each feature at each of some places, 0 where there is none.
+
+    Args:
+        features: At least 0, (N, C).
+        places: Which of the places each belongs to, (N,).
+        count: Number of the places.
+
+    Returns:
+        (count, C).
+    """
+    empty = torch.zeros(count, features.shape[1])
+    return empty.scatter_reduce(0, places[:, None].expand_as(features), features, 'amax')
 
 
 def cell_shift(corner: tuple[float, float], other: tuple[float, float]) -> Tensor:

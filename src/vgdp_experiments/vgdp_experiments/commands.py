@@ -71,6 +71,10 @@ GROUPS: dict[str, tuple[str, dict[str, tuple[str, str]]]] = {
             'table': ('vgdp_experiments.suites.table', "the mazes of the paper's table"),
             'ablation': ('vgdp_experiments.suites.ablation', 'what each part of the planner adds'),
             'worlds': ('vgdp_experiments.suites.worlds', 'rooms, caves and other worlds'),
+            'generators': (
+                'vgdp_experiments.suites.generators',
+                'mazes and obstacles that nothing is trained on',
+            ),
             'avd': ('vgdp_experiments.suites.avd', 'searching a bottle in homes'),
             'curves': ('vgdp_experiments.suites.curves', 'quality against sampling'),
             'belief': ('vgdp_experiments.suites.belief', 'slipping steps and noisy poses'),

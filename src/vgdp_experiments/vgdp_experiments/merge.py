@@ -8,7 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vgdp_experiments.results import Results, ResultsError, load_parts
-from vgdp_experiments.suites import ablation, avd, belief, curves, localisation, table, worlds
+from vgdp_experiments.suites import (
+    ablation,
+    avd,
+    belief,
+    curves,
+    generators,
+    localisation,
+    table,
+    worlds,
+)
 from vgdp_experiments.sweep import add_selection, selected
 
 if TYPE_CHECKING:
@@ -23,6 +32,7 @@ SUITES = {
         table.SUITE,
         ablation.SUITE,
         worlds.SUITE,
+        generators.SUITE,
         curves.SUITE,
         belief.SUITE,
         *avd.SUITES.values(),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from maze_sim import Worlds
+from vgdp_experiments.held_out import HELD_OUT_KINDS, held_out_maze
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -31,7 +32,7 @@ class Setting:
         size: Side of the worlds in cells, or (rows, cols).
         view_range: Cells that a view reaches to each side.
         budget: Actions after which an episode ends.
-        kind: What the worlds look like, one of `maze_sim.WORLD_KINDS`.
+        kind: What the worlds look like, one of `maze_sim.WORLD_KINDS` or of `HELD_OUT_KINDS`.
         map: A map of the map server to draw starts and goals in, instead of `size` and `kind`:
             a YAML file, or the name of one that comes with the package. None if empty.
         slip: Share of the steps that lead elsewhere, or nowhere.
@@ -93,4 +94,7 @@ def _worlds(size: int | tuple[int, int], kind: str, name: str) -> Worlds:
 
 @lru_cache(maxsize=KEPT)
 def _draw(size: int | tuple[int, int], kind: str, name: str, seed: int, number: int) -> Maze:
-    return _worlds(size, kind, name).sample(np.random.default_rng([seed, number]))
+    rng = np.random.default_rng([seed, number])
+    if kind in HELD_OUT_KINDS:
+        return held_out_maze(kind, size, rng)
+    return _worlds(size, kind, name).sample(rng)

@@ -44,8 +44,13 @@ has its own parameters, drawn widely; in the map, starts and goals are drawn.
 """
 
 
-def page(results: Results) -> Page:
-    """Show the results."""
+def page(results: Results, text: str = TEXT) -> Page:
+    """Show the results.
+
+    Args:
+        results: Of the worlds, or of those of `generators`.
+        text: Of the page.
+    """
     rows, sections = [], []
     for name, place in results.places.items():
         scores = place.scores()
@@ -64,13 +69,13 @@ def page(results: Results) -> Page:
         *(f'`{name}`' for name in METHODS),
         *(f'SPL: `{name}` / `frontier`' for name in METHODS[:2]),
     )
-    text = TEXT.format(
-        command=command('vgdp eval worlds', results),
+    begin = text.format(
+        command=command(f'vgdp eval {results.suite}', results),
         origin=origin(results),
         explanation=explanation(),
         table=markdown_table(headings, rows),
     )
-    return Page(text + ''.join(sections))
+    return Page(begin + ''.join(sections))
 
 
 SUITE = Suite(

@@ -63,6 +63,7 @@ def page(results: Results) -> Page:
     """Show the results beside the paper's."""
     parts = []
     for place in results.places.values():
+        over_greedy = place.scores('greedy')
         rows = [
             (
                 f'`{name}`',
@@ -70,10 +71,18 @@ def page(results: Results) -> Page:
                 with_sd(*PUBLISHED[name]) if name in PUBLISHED else MISSING,
                 success(scores),
                 ratio(scores),
+                ratio(over_greedy[name]),
             )
             for name, scores in place.scores().items()
         ]
-        headings = ('method', 'what it is', 'published', 'success', 'SPL / frontier')
+        headings = (
+            'method',
+            'what it is',
+            'published',
+            'success',
+            'SPL / frontier',
+            'SPL / greedy',
+        )
         parts.append(f'## {describe(place)}\n\n{markdown_table(headings, rows)}\n')
         parts.append(f'\n{details(place)}\n')
     return Page(

@@ -76,8 +76,9 @@ class HeightMemory:
 
     def begin(self) -> None:
         """Forget everything: a new episode begins."""
-        self._points: list[NDArray[np.floating]] = []
-        self._stood: list[tuple[float, float]] = []
+        # By their content: a robot that goes to and fro sees nothing that it has not seen.
+        self._points: dict[bytes, NDArray[np.floating]] = {}
+        self._stood: set[tuple[float, float]] = set()
 
     def look(
         self, points: NDArray[np.floating], cell: tuple[int, int], geometry: GridGeometry
@@ -89,11 +90,14 @@ class HeightMemory:
             cell: Where it stands.
             geometry: Of the map.
         """
-        self._points.append(points.reshape(-1, 3))
-        self._stood.append(geometry.center_of(*cell))
+        self._points[points.tobytes()] = points.reshape(-1, 3)
+        self._stood.add(geometry.center_of(*cell))
         corner = np.array([geometry.origin_x, geometry.origin_y])
         return height_map(
-            np.concatenate(self._points), np.array(self._stood), corner, geometry.shape
+            np.concatenate(list(self._points.values())),
+            np.array(sorted(self._stood)),
+            corner,
+            geometry.shape,
         )
 
 

@@ -76,6 +76,12 @@ def test_starts_and_goals_are_apart_and_come_again(kind: str) -> None:
     assert not np.array_equal(other.blocked, first[0].blocked)
 
 
+def test_worlds_that_are_too_small_are_refused() -> None:
+    """With one sentence, not with a search that never ends."""
+    with pytest.raises(ValueError, match="kind 'prim' and the size 5 has 15 steps"):
+        held_out_maze('prim', 5, np.random.default_rng(0))
+
+
 def test_nothing_is_trained_on_them() -> None:
     """Else they would show nothing."""
     trained = {*WORLD_KINDS, *SHARES, *(world.kind for world in WORLDS)}

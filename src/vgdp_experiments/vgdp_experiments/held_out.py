@@ -7,15 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from maze_sim import Maze, sample_episode
+from maze_sim import sample_episode
 from maze_sim.mazes import lattice_shape, to_shape
+from maze_sim.worlds import MAX_WORLDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-Shape = tuple[int, int]
+    from maze_sim import Maze
+    from maze_sim.mazes import Shape
 
 AROUND = ((-1, 0), (0, -1), (0, 1), (1, 0))
 
@@ -145,8 +147,13 @@ def held_out_maze(kind: str, size: int | Shape, rng: np.random.Generator) -> Maz
         kind: One of `HELD_OUT_KINDS`.
         size: Side of the world in cells, or its rows and columns.
         rng: Source of the draws.
+
+    Raises:
+        ValueError: If no world of this size and kind has such a pair.
     """
-    while True:
+    for _ in range(MAX_WORLDS):
         maze = sample_episode(_DRAW[kind](to_shape(size), rng), rng)
         if maze is not None:
             return maze
+    msg = f'No world of the kind {kind!r} and the size {size} has 15 steps from start to goal.'
+    raise ValueError(msg)

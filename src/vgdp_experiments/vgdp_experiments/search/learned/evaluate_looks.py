@@ -93,10 +93,10 @@ def run(arguments: argparse.Namespace) -> int:
     rows = [
         (
             name,
-            f'{score["mean"]:.2f} ± {score["interval"]:.2f}',
-            f'{score["far"]:.3f}',
+            f'{row["mean"]:.2f} ± {row["interval"]:.2f}',
+            f'{row["far"]:.3f}',
         )
-        for name, score in scores.items()
+        for name, row in scores.items()
     ]
     headings = ('choice', 'cells lost a choice (95 %)', f'lost more than {FAR_CELLS:g}')
     print(markdown_table(headings, rows))  # noqa: T201

@@ -15,8 +15,8 @@ TEXT = """\
 # Worlds from generators that nothing is trained on
 
 The weights learned in Wilson mazes, some with loops, in rooms, caves and obstacle fields. These
-worlds come from none of those generators: mazes with many short dead ends (Prim) or with long
-winding corridors (depth-first search), with ways that all lead to one corner (binary tree), with
+worlds come from none of those generators: mazes with many short dead ends (after Prim) or with
+long winding corridors (depth-first search), with ways that all lead to one corner (binary tree), with
 long straight walls (recursive division), and cells that are blocked by chance. No method has
 settings of its own for them.
 

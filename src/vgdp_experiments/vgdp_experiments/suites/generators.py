@@ -16,8 +16,8 @@ TEXT = """\
 
 The weights learned in Wilson mazes, some with loops, in rooms, caves and obstacle fields. These
 worlds come from none of those generators: mazes with many short dead ends (after Prim) or with
-long winding corridors (depth-first search), with ways that all lead to one corner (binary tree), with
-long straight walls (recursive division), and cells that are blocked by chance. No method has
+long winding corridors (depth-first search), with ways that all lead to one corner (binary tree),
+with long straight walls (recursive division), and cells that are blocked by chance. No method has
 settings of its own for them.
 
 `{command}`

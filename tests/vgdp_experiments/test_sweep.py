@@ -295,6 +295,17 @@ def test_every_evaluation_has_its_page(
         assert f'| `{method}` |' in page.text
 
 
+def test_a_page_names_the_settings_where_they_are_not_all(complete: Path, tmp_path: Path) -> None:
+    """Else its command would run others for hours."""
+    parts = [Part.load(path) for path in sorted(complete.glob('*.json'))]
+    places = dict.fromkeys(part.job.place for part in parts)
+    assert len(places) < len(SUITES['table'].settings)
+    results = Results.join(parts, [part.job for part in parts])
+    results.save(tmp_path / 'some.json')
+    text = page_of(tmp_path / 'some.json').text
+    assert f' --setting {" ".join(results.places)}`' in text
+
+
 def test_all_methods_of_the_evaluations_exist() -> None:
     """What a suite names is a method, and every suite can list its jobs."""
     for suite in SUITES.values():

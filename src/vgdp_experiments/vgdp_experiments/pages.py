@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from vgdp_experiments.scores import RESAMPLES
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
     from vgdp_experiments.results import PlaceResults, Results
     from vgdp_experiments.scores import Scores
@@ -59,18 +59,21 @@ def origin(results: Results) -> str:
     return f'Weights: {weights or "none"}. Versions: {versions}.'
 
 
-def command(words: str, results: Results) -> str:
+def command(words: str, results: Results, known: Collection[str] = ()) -> str:
     """Return the command that gives results again, with as many episodes of each kind.
 
     Args:
         words: The command.
         results: The results.
+        known: All settings of the evaluation, to name those of the results where they are fewer.
     """
     counts = {(place.trials, place.episodes) for place in results.places.values()}
     if len(counts) != 1:
         return words
     [(trials, episodes)] = counts
-    return f'{words} --trials {trials} --episodes {episodes}'
+    fewer = len(results.places) < len(known)
+    settings = f' --setting {" ".join(results.places)}' if fewer else ''
+    return f'{words} --trials {trials} --episodes {episodes}{settings}'
 
 
 def describe(place: PlaceResults) -> str:

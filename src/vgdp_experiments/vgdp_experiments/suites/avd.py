@@ -296,11 +296,10 @@ intervals. A false box is a mistake of the detector; the robot gives up what it 
 def curves_page(results: Results) -> Page:
     """Show the results as curves."""
     by_noise: dict[Noise, list[PlaceResults]] = {}
-    scenes: list[str] = []
+    scenes: dict[str, None] = {}
     for place in results.places.values():
         if isinstance(place.setting, HomeSetting):
-            if place.setting.scene not in scenes:
-                scenes.append(place.setting.scene)
+            scenes[place.setting.scene] = None
             by_noise.setdefault(place.setting.noise, []).append(place)
     found = {noise: pooled(places) for noise, places in by_noise.items()}
     scores = {noise: place.scores() for noise, place in found.items()}

@@ -35,7 +35,7 @@ SUITE = Suite(
     name='generators',
     settings={kind: Setting(21, kind=kind, budget=1000) for kind in HELD_OUT_KINDS},
     variants={name: Variant(name) for name in worlds.METHODS},
-    page=partial(worlds.page, text=TEXT),
+    page=partial(worlds.page, text=TEXT, known=HELD_OUT_KINDS),
     episodes=100,
 )
 

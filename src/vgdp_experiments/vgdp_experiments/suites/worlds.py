@@ -22,9 +22,20 @@ from vgdp_experiments.settings import Setting
 from vgdp_experiments.suite import Page, Suite
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from vgdp_experiments.results import Results
 
 METHODS = ('vgdp', 'greedy', 'frontier', 'clairvoyant')
+
+SETTINGS = {
+    'rooms': Setting((30, 45), view_range=3, budget=1500, kind='rooms'),
+    'caves': Setting((40, 40), view_range=3, budget=1500, kind='caves'),
+    'obstacles': Setting((30, 45), view_range=3, budget=1500, kind='obstacles'),
+    'loops': Setting((31, 31), view_range=2, budget=1500, kind='loops'),
+    # Whoever explores all of it takes some 1500 steps.
+    'office': Setting(view_range=3, budget=3000, map='office'),
+}
 
 TEXT = """\
 # Worlds other than mazes
@@ -44,12 +55,13 @@ has its own parameters, drawn widely; in the map, starts and goals are drawn.
 """
 
 
-def page(results: Results, text: str = TEXT) -> Page:
+def page(results: Results, text: str = TEXT, known: Collection[str] = tuple(SETTINGS)) -> Page:
     """Show the results.
 
     Args:
         results: Of the worlds, or of those of `generators`.
         text: Of the page.
+        known: All settings of that evaluation.
     """
     rows, sections = [], []
     for name, place in results.places.items():
@@ -70,7 +82,7 @@ def page(results: Results, text: str = TEXT) -> Page:
         *(f'SPL: `{name}` / `frontier`' for name in METHODS[:2]),
     )
     begin = text.format(
-        command=command(f'vgdp eval {results.suite}', results),
+        command=command(f'vgdp eval {results.suite}', results, known),
         origin=origin(results),
         explanation=explanation(),
         table=markdown_table(headings, rows),
@@ -80,14 +92,7 @@ def page(results: Results, text: str = TEXT) -> Page:
 
 SUITE = Suite(
     name='worlds',
-    settings={
-        'rooms': Setting((30, 45), view_range=3, budget=1500, kind='rooms'),
-        'caves': Setting((40, 40), view_range=3, budget=1500, kind='caves'),
-        'obstacles': Setting((30, 45), view_range=3, budget=1500, kind='obstacles'),
-        'loops': Setting((31, 31), view_range=2, budget=1500, kind='loops'),
-        # Whoever explores all of it takes some 1500 steps.
-        'office': Setting(view_range=3, budget=3000, map='office'),
-    },
+    settings=SETTINGS,
     variants={name: Variant(name) for name in METHODS},
     page=page,
     episodes=100,

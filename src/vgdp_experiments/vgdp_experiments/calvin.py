@@ -97,11 +97,19 @@ class Calvin(nn.Module):
         """Return log T̂, (8, 9): for each step and each of the cells around, row by row."""
         return (MOTION_SCALE * self.motion_logits).log_softmax(dim=1)
 
-    def forward(self, partial_maps: Tensor) -> CalvinValues:
-        """Run K rounds of value iteration on partial maps (B, 3, H, W)."""
+    def forward(self, partial_maps: Tensor, allowed: Tensor | None = None) -> CalvinValues:
+        """Run K rounds of value iteration.
+
+        Args:
+            partial_maps: (B, 3, H, W).
+            allowed: 0 where an action is known not to be available, else 1, (B, A, H, W); 1
+                everywhere if None.
+        """
         embedding = self.availability(with_inside(partial_maps))
         logits, threshold = embedding[:, :NUM_ACTIONS], embedding[:, NUM_ACTIONS:]
         available = torch.sigmoid(logits - threshold)
+        if allowed is not None:
+            available = available * allowed
         kernels = self.log_kernels().exp()
         q_values = self._iterate(self.rewards(available), available, kernels)
         return CalvinValues(q_values, logits, available)

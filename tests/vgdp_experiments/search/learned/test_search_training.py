@@ -7,19 +7,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+import torch
 from safetensors.numpy import load_file
 from tests.vgdp_experiments.test_commands import vgdp
 
 from avd_player.scene import Scene
 from avd_player.simulation import ActiveVisionSimulation, SearchRules
-from gridnav import DONE, FREE, OBSTACLE, STEPS, GridGeometry
+from gridnav import DONE, FREE, NUM_ACTIONS, NUM_MOVES, OBSTACLE, STEPS, GridGeometry
 from vgdp_experiments.search.learned import LEARNED
+from vgdp_experiments.search.learned.calvin_3d import Calvin3D, Calvin3DConfig
 from vgdp_experiments.search.learned.searchers import safe_step
 from vgdp_experiments.search.loop import SearchStep, search
+from vgdp_experiments.search.searchers import Sight
+from vgdp_experiments.search.views import SmallViews
 from vgdp_planner.planning_grid import PlanningGrid
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from vgdp_experiments.search.learned.demonstrations import HomeDemonstrations
 
 COMMANDS = {name: f'search-{name.removeprefix("vgdp_").replace("_", "-")}' for name in LEARNED}
 
@@ -102,6 +108,36 @@ def test_safe_steps() -> None:
     partial_map[:2] = [np.ones((3, 3)), np.zeros((3, 3))]
     partial_map[:2, 1, 1] = 0.0, 1.0
     assert safe_step(q_values, grid) == []
+
+
+@torch.no_grad()
+def test_calvin_3d_is_told_what_was_refused(made: HomeDemonstrations, tmp_path: Path) -> None:
+    """It wants to say Done everywhere, and as it may not it goes on instead of to and fro."""
+    model = Calvin3D(Calvin3DConfig(channels=4))
+    moves = model.log_kernels().new_full((NUM_MOVES, 9), -1.0)
+    moves[torch.arange(NUM_MOVES), torch.from_numpy((STEPS + 1) @ [3, 1])] = 1.0
+    model.motion_logits.copy_(moves)
+    model.done_reward.fill_(10.0)
+    for parameter in model.availability.parameters():
+        parameter.fill_(0.0)
+    # The last of them are the biases of the logits, and of their threshold.
+    parameter.copy_(torch.tensor([9.0] * NUM_ACTIONS + [0.0]))
+    model.save(tmp_path, {})
+    searcher = LEARNED['calvin_3d'](tmp_path)
+    searcher.reset(0)
+    views = SmallViews(made.color[0], made.depth[0], made.points[0], made.bearings[0])
+    corridor = np.zeros((3, 3, 9), dtype=np.float32)
+    corridor[OBSTACLE] = 1.0
+    corridor[OBSTACLE, 1, :8] = 0.0
+    corridor[FREE, 1, 1:8] = 1.0
+    cell = (1, 7)
+    been = [cell]
+    for _ in range(5):
+        grid = PlanningGrid(corridor, GridGeometry(3, 9, 0.3), cell)
+        (action,) = searcher.decide(Sight(grid, lambda: views))
+        cell = (int(cell[0] + STEPS[action, 0]), int(cell[1] + STEPS[action, 1]))
+        been.append(cell)
+    assert been == [(1, col) for col in range(7, 1, -1)]
 
 
 def test_looks_are_compared(

@@ -72,17 +72,18 @@ class Calvin3D(Calvin):
         prices = functional.softplus(self.turn_price).cumsum(dim=0)
         return torch.cat([prices.new_zeros(1), prices])[self.eighths]
 
-    def forward(self, lattices: Tensor) -> CalvinValues:
+    def forward(self, lattices: Tensor, allowed: Tensor | None = None) -> CalvinValues:
         """Run K rounds of value iteration.
 
         Args:
             lattices: With the goal and where the robot stood as the last channels,
                 (B, C + 2, H, W).
+            allowed: As CALVIN's.
 
         Returns:
             As CALVIN, but Q(s, h, a) with headings h, (B, headings, A, H, W).
         """
-        return super().forward(lattices)
+        return super().forward(lattices, allowed)
 
     def _iterate(self, rewards: Tensor, available: Tensor, kernels: Tensor) -> Tensor:
         """Return Q(s, h, a) after K rounds, (B, headings, A, H, W).

@@ -156,10 +156,15 @@ class LatticeMemory:
         self._stood.append(torch.tensor(grid.start) - shift)
         goal = torch.from_numpy(grid.partial_map[None, GOAL])
         stood = torch.zeros_like(goal)
-        rows, cols = (torch.stack(self._stood) + shift).T
+        rows, cols = self.stood(grid).T
         stood[0, rows, cols] = 1.0
         lattice = self._points.lattice(geometry.shape, shift)
         return torch.cat([lattice, goal, stood])[None]
+
+    def stood(self, grid: PlanningGrid) -> Tensor:
+        """Return the cells of a planning grid where the robot stood, look by look, (S, 2)."""
+        corner = grid.geometry.origin_x, grid.geometry.origin_y
+        return torch.stack(self._stood) + cell_shift(self._origin or corner, corner)
 
 
 def _largest(features: Tensor, places: Tensor, count: int) -> Tensor:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
+from gridnav import DONE, GOAL, NUM_ACTIONS
 from vgdp_experiments.calvin import load_calvin
 from vgdp_experiments.search.learned.calvin_3d import Calvin3D
 from vgdp_experiments.search.learned.lattice import LatticeMemory, heading_of
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
+    from torch import Tensor
 
     from vgdp_experiments.search.searchers import Sight
     from vgdp_planner.planning_grid import PlanningGrid
@@ -60,17 +62,31 @@ class Calvin3DSearcher:
     def __init__(self, folder: Path | None = None) -> None:
         self._model = Calvin3D.load(folder)
         self._memory = LatticeMemory(self._model.lattice)
+        self._allowed: list[Tensor] = []
 
     def reset(self, seed: int) -> None:  # noqa: ARG002 - nothing is random
         """Begin an episode."""
         self._memory.begin()
+        self._allowed = []
 
     @torch.no_grad()
     def decide(self, sight: Sight) -> list[int]:
-        """Return one step. The robot looks where the last of its views does."""
+        """Return one step. The robot looks where the last of its views does.
+
+        Value iteration is told what was refused where the robot stood. Otherwise nothing in its
+        values would change when a step is refused, and the robot would go to and fro beside a
+        cell where it wants to do what it may not.
+        """
         grid = sight.grid
         views = sight.views()
-        found = self._model(self._memory.look(views, grid))
+        lattice = self._memory.look(views, grid)
+        self._allowed.append(torch.from_numpy(_safety(grid).allowed_first).float())
+        allowed = lattice.new_ones(1, NUM_ACTIONS, *lattice.shape[2:])
+        for (row, col), here in zip(self._memory.stood(grid).tolist(), self._allowed, strict=True):
+            allowed[0, :, row, col] = here
+        goal = torch.from_numpy(grid.partial_map[GOAL])
+        allowed[0, DONE] = torch.maximum(allowed[0, DONE], goal)
+        found = self._model(lattice, allowed)
         heading = int(heading_of(views.bearings[-1:])[0])
         return safe_step(found.q_values[0, heading, :, *grid.start].numpy(), grid)
 
@@ -109,12 +125,16 @@ def safe_step(q_values: NDArray[np.float32], grid: PlanningGrid) -> list[int]:
     Returns:
         None, to give up, where nothing worth going to is in reach.
     """
-    belief = np.zeros(grid.partial_map.shape[1:], dtype=np.float32)
-    belief[grid.start] = 1.0
-    check = SafetyCheck(grid.partial_map, belief, 0.0)
+    check = _safety(grid)
     if check.status != 'ok':
         return []
     return [int(np.where(check.allowed_first, q_values, -np.inf).argmax())]
+
+
+def _safety(grid: PlanningGrid) -> SafetyCheck:
+    belief = np.zeros(grid.partial_map.shape[1:], dtype=np.float32)
+    belief[grid.start] = 1.0
+    return SafetyCheck(grid.partial_map, belief, 0.0)
 
 
 class RgbdSearcher:

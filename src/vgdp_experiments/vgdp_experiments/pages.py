@@ -59,21 +59,30 @@ def origin(results: Results) -> str:
     return f'Weights: {weights or "none"}. Versions: {versions}.'
 
 
-def command(words: str, results: Results, known: Collection[str] = ()) -> str:
+def command(
+    words: str,
+    results: Results,
+    known: Collection[str] = (),
+    methods: Collection[str] = (),
+) -> str:
     """Return the command that gives results again, with as many episodes of each kind.
 
     Args:
         words: The command.
         results: The results.
         known: All settings of the evaluation, to name those of the results where they are fewer.
+        methods: All methods of the evaluation, likewise.
     """
     counts = {(place.trials, place.episodes) for place in results.places.values()}
-    if len(counts) != 1:
-        return words
-    [(trials, episodes)] = counts
-    fewer = len(results.places) < len(known)
-    settings = f' --setting {" ".join(results.places)}' if fewer else ''
-    return f'{words} --trials {trials} --episodes {episodes}{settings}'
+    names = list(next(iter(results.places.values())).methods)
+    if len(names) < len(methods):
+        words += f' --method {" ".join(names)}'
+    if len(results.places) < len(known):
+        words += f' --setting {" ".join(results.places)}'
+    if len(counts) == 1:
+        [(trials, episodes)] = counts
+        words += f' --trials {trials} --episodes {episodes}'
+    return words
 
 
 def describe(place: PlaceResults) -> str:

@@ -87,7 +87,7 @@ def page(results: Results) -> Page:
         parts.append(f'\n{details(place)}\n')
     return Page(
         TEXT.format(
-            command=command('vgdp eval ablation', results),
+            command=command('vgdp eval ablation', results, SUITE.settings, SUITE.variants),
             origin=origin(results),
             explanation=explanation(),
             table='\n'.join(parts).rstrip(),

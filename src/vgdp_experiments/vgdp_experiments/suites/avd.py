@@ -232,7 +232,7 @@ def page(
     text = TEXT.format(
         title=title,
         about=about,
-        command=command(words, results),
+        command=command(words, results, methods=METHODS),
         origin=origin(results),
         explanation=EXPLANATION,
         success=markdown_table(('scene', *theirs_names, *ours), successes),
@@ -270,7 +270,7 @@ def ablation_page(results: Results) -> Page:
     headings = ('method', 'what it is', 'paper', 'success', 'SPL / frontier')
     return Page(
         ABLATION_TEXT.format(
-            command=command('vgdp eval avd --ablation', results),
+            command=command('vgdp eval avd --ablation', results, methods=ABLATION),
             origin=origin(results),
             explanation=EXPLANATION,
             table=markdown_table(headings, rows),
@@ -312,8 +312,9 @@ def curves_page(results: Results) -> Page:
         pictures[file] = _draw(what, {value: scores[noise] for value, noise in shown.items()})
         sections.append(f'\n## {kind}\n\n![Success and SPL against {what}]({file})\n')
         sections += [f'\n{describe(found[n])}\n\n{details(found[n])}\n' for n in shown.values()]
+    words = f'vgdp eval avd --curves --scenes {" ".join(scenes)}'
     text = CURVES_TEXT.format(
-        command=command(f'vgdp eval avd --curves --scenes {" ".join(scenes)}', results),
+        command=command(words, results, methods=CURVED),
         origin=origin(results),
         explanation=EXPLANATION,
     )

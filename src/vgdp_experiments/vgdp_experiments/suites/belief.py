@@ -49,7 +49,7 @@ the episode, as everywhere here. Bands are 95 % intervals.
 def page(results: Results) -> Page:
     """Show the results as curves."""
     text = TEXT.format(
-        command=command('vgdp eval belief', results),
+        command=command('vgdp eval belief', results, SUITE.settings, SUITE.variants),
         origin=origin(results),
         explanation=explanation(),
     )

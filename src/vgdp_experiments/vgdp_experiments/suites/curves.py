@@ -51,7 +51,7 @@ def page(results: Results) -> Page:
             sections.append(f'\n![Success, SPL and time against {what}]({file})\n')
         sections.append(f'\n{details(place)}\n')
     text = TEXT.format(
-        command=command('vgdp eval curves', results),
+        command=command('vgdp eval curves', results, SUITE.settings, SUITE.variants),
         origin=origin(results),
         explanation=explanation(),
     )

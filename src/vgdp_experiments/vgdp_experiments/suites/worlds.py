@@ -82,7 +82,7 @@ def page(results: Results, text: str = TEXT, known: Collection[str] = tuple(SETT
         *(f'SPL: `{name}` / `frontier`' for name in METHODS[:2]),
     )
     begin = text.format(
-        command=command(f'vgdp eval {results.suite}', results, known),
+        command=command(f'vgdp eval {results.suite}', results, known, METHODS),
         origin=origin(results),
         explanation=explanation(),
         table=markdown_table(headings, rows),

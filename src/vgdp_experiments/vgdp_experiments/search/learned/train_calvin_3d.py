@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from vgdp_experiments.search.learned.batches import HomeBatches
 
 DEFAULTS = SearchTraining(
-    out='runs/search-calvin-3d', steps=900, batch=12, learning_rate=1e-2, ema=0.99
+    out='runs/search-calvin-3d', steps=3000, batch=12, learning_rate=1e-2, ema=0.99
 )
 
 

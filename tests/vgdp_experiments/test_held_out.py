@@ -13,6 +13,8 @@ from vgdp_experiments.held_out import (
     division,
     growing_tree,
     held_out_maze,
+    kruskal,
+    sidewinder,
 )
 from vgdp_experiments.settings import Setting
 from vgdp_experiments.suites import generators
@@ -22,6 +24,8 @@ from vgdp_experiments.worlds import SHARES
 TREES = {
     'prim': lambda shape, rng: growing_tree(shape, rng, newest=False),
     'depth_first': lambda shape, rng: growing_tree(shape, rng, newest=True),
+    'kruskal': kruskal,
+    'sidewinder': sidewinder,
     'binary_tree': binary_tree,
     'division': division,
 }

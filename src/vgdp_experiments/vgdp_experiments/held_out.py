@@ -6,6 +6,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import minimum_spanning_tree
 
 from maze_sim import sample_episode
 from maze_sim.mazes import lattice_shape, to_shape
@@ -63,6 +65,56 @@ def growing_tree(shape: Shape, rng: np.random.Generator, *, newest: bool) -> NDA
     return blocked
 
 
+def kruskal(shape: Shape, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Draw a maze by opening walls in random order, where they part what is not joined yet.
+
+    That makes many short dead ends.
+
+    Args:
+        shape: Rows and columns.
+        rng: Source of the draws.
+
+    Returns:
+        Walls, (H, W).
+    """
+    rows, cols = lattice_shape(shape)
+    number = np.arange(rows * cols).reshape(rows, cols)
+    one = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
+    other = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
+    order = 1.0 + rng.permutation(len(one))
+    tree = minimum_spanning_tree(coo_array((order, (one, other)), shape=(rows * cols,) * 2))
+    blocked = np.ones(shape, dtype=np.bool_)
+    blocked[1 : 2 * rows : 2, 1 : 2 * cols : 2] = False
+    (row, col), (to_row, to_col) = (np.divmod(cells, cols) for cells in tree.nonzero())
+    blocked[row + to_row + 1, col + to_col + 1] = False
+    return blocked
+
+
+def sidewinder(shape: Shape, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Draw a maze of runs along the rows, each joined to the row above at one of its cells.
+
+    That gives one long corridor along a side. Which side it is, is drawn too.
+
+    Args:
+        shape: Rows and columns.
+        rng: Source of the draws.
+
+    Returns:
+        Walls, (H, W).
+    """
+    turned = bool(rng.integers(2))
+    rows, cols = lattice_shape(shape)[:: -1 if turned else 1]
+    blocked = np.ones((2 * rows + 1, 2 * cols + 1), dtype=np.bool_)
+    blocked[1::2, 1::2] = False
+    blocked[1, 1:-1] = False
+    for row in range(1, rows):
+        ends = np.flatnonzero(np.append(rng.random(cols - 1) < 1 / 2, True))
+        for first, last in zip(np.append(0, ends[:-1] + 1), ends, strict=True):
+            blocked[2 * row + 1, 2 * first + 1 : 2 * last + 2] = False
+            blocked[2 * row, 2 * int(rng.integers(first, last + 1)) + 1] = False
+    return _anyhow(blocked.T if turned else blocked, shape, rng)
+
+
 def binary_tree(shape: Shape, rng: np.random.Generator) -> NDArray[np.bool_]:
     """Draw a maze where each cell is joined to the one above or to the one at its left.
 
@@ -82,9 +134,16 @@ def binary_tree(shape: Shape, rng: np.random.Generator) -> NDArray[np.bool_]:
     row, col = np.indices((rows, cols)).reshape(2, -1)[:, 1:]
     up = np.where((row > 0) & (col > 0), rng.random(len(row)) < 1 / 2, row > 0)
     blocked[2 * row + 1 - up, 2 * col + up] = False
+    return _anyhow(blocked, shape, rng)
+
+
+def _anyhow(
+    blocked: NDArray[np.bool_], shape: Shape, rng: np.random.Generator
+) -> NDArray[np.bool_]:
+    """Mirror a maze by chance and put it into a map, which may have a spare row or column."""
     walls = np.ones(shape, dtype=np.bool_)
-    turned = blocked[:: 1 - 2 * int(rng.integers(2)), :: 1 - 2 * int(rng.integers(2))]
-    walls[: turned.shape[0], : turned.shape[1]] = turned
+    mirrored = blocked[:: 1 - 2 * int(rng.integers(2)), :: 1 - 2 * int(rng.integers(2))]
+    walls[: mirrored.shape[0], : mirrored.shape[1]] = mirrored
     return walls
 
 
@@ -131,6 +190,8 @@ def scattered(shape: Shape, rng: np.random.Generator) -> NDArray[np.bool_]:
 _DRAW: dict[str, Callable[[Shape, np.random.Generator], NDArray[np.bool_]]] = {
     'prim': partial(growing_tree, newest=False),
     'depth_first': partial(growing_tree, newest=True),
+    'kruskal': kruskal,
+    'sidewinder': sidewinder,
     'binary_tree': binary_tree,
     'division': division,
     'scattered': scattered,

@@ -15,10 +15,10 @@ TEXT = """\
 # Worlds from generators that nothing is trained on
 
 The weights learned in Wilson mazes, some with loops, in rooms, caves and obstacle fields. These
-worlds come from none of those generators: mazes with many short dead ends (after Prim) or with
-long winding corridors (depth-first search), with ways that all lead to one corner (binary tree),
-with long straight walls (recursive division), and cells that are blocked by chance. No method has
-settings of its own for them.
+worlds come from none of those generators: mazes with many short dead ends (after Prim, after
+Kruskal) or with long winding corridors (depth-first search), with ways that all lead to one side
+(sidewinder) or to one corner (binary tree), with long straight walls (recursive division), and
+cells that are blocked by chance. No method has settings of its own for them.
 
 `{command}`
 

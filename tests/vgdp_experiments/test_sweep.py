@@ -139,6 +139,8 @@ def test_merge_names_what_is_missing(
     error = capsys.readouterr().err
     assert '1 of 16 parts are missing: frontier, 15-view2, trial 1, mazes 3 to 4.' in error
     assert not (tmp_path / 'a.json').exists()
+    assert merge(tmp_path / 'a.json', str(complete), '--scenes', 'Home_113_1') == 2
+    assert 'these are parts of table' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

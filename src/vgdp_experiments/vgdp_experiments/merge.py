@@ -84,6 +84,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='FILE',
         help='JSON file to write; the page goes beside it',
     )
+    parser.add_argument(
+        '--scenes',
+        nargs='+',
+        metavar='NAME',
+        help='of homes that were searched (the held-out ones)',
+    )
     add_selection(parser)
 
 
@@ -97,7 +103,12 @@ def run(args: argparse.Namespace) -> int:
     parts = load_parts(args.folders)
     suite = SUITES[parts[0].job.suite]
     there = {part.job.place: part.job.setting for part in parts}
-    if not there.keys() & suite.settings.keys():
+    if args.scenes:
+        if suite.name not in avd.SUITES:
+            msg = f'--scenes is for searches of homes, and these are parts of {suite.name}.'
+            raise ValueError(msg)
+        suite = avd.of_scenes(suite, args.scenes)
+    elif not there.keys() & suite.settings.keys():
         # Of other scenes than those that an evaluation names.
         suite = replace(suite, settings=there)
     jobs = selected(suite, args)

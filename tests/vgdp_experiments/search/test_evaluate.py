@@ -85,7 +85,7 @@ def test_in_parts_and_joined(
     assert '2 parts are there already.' in first.err
     assert '| mean | 0.635 ± 0.032 | 0.682 ± 0.047 | 0.679 ± 0.040 | 0.706 ± 0.032 |' in first.out
     joined = tmp_path / 'avd.json'
-    choice = ['--setting', 'Home_113_1', '--method', 'frontier', CLAIRVOYANT]
+    choice = ['--scenes', 'Home_113_1', '--method', 'frontier', CLAIRVOYANT]
     size = ['--trials', '2', '--episodes', '2']
     assert vgdp('eval', 'merge', str(out), '-o', str(joined), *choice, *size) == 0
     text = joined.with_suffix('.md').read_text()

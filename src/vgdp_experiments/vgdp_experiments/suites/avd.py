@@ -452,9 +452,14 @@ def run(args: argparse.Namespace) -> int:
                 '--scenes 20 --seed 1; or say with --data where they are, and with --scenes which.'
             )
             raise ValueError(msg)
-    suite = replace(suite, settings=_SETTINGS[suite.name](scenes))
+    suite = of_scenes(suite, scenes)
     args.out = args.out or Path('runs', suite.name)
     return sweep.run(suite, args)
+
+
+def of_scenes(suite: Suite, scenes: Iterable[str]) -> Suite:
+    """Return one of these evaluations, in other scenes."""
+    return replace(suite, settings=_SETTINGS[suite.name](scenes))
 
 
 def _default_scenes(data: Path, suite: Suite) -> list[str]:

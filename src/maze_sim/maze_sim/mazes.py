@@ -85,13 +85,28 @@ def wilson_maze(size: int | Shape, rng: np.random.Generator) -> NDArray[np.bool_
         ValueError: If the size is too small.
     """
     shape = to_shape(size)
+    return joined_walls(shape, *_spanning_tree(*lattice_shape(shape), rng))
+
+
+def joined_walls(
+    shape: Shape, cells: NDArray[np.integer], others: NDArray[np.integer]
+) -> NDArray[np.bool_]:
+    """Return the walls around lattice cells of which some are joined.
+
+    Args:
+        shape: Rows and columns of the maze, each at least 5.
+        cells: Flat indices of lattice cells, (N,).
+        others: The neighbour that each of them is joined to, (N,).
+
+    Returns:
+        Walls, (H, W).
+    """
     rows, cols = lattice_shape(shape)
-    cells, parents = _spanning_tree(rows, cols, rng)
     row, col = np.divmod(cells, cols)
-    parent_row, parent_col = np.divmod(parents, cols)
+    other_row, other_col = np.divmod(others, cols)
     blocked = np.ones(shape, dtype=np.bool_)
     blocked[1 : 2 * rows : 2, 1 : 2 * cols : 2] = False
-    blocked[1 + row + parent_row, 1 + col + parent_col] = False
+    blocked[1 + row + other_row, 1 + col + other_col] = False
     return blocked
 
 

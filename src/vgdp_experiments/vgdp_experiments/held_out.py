@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import minimum_spanning_tree
 
 from maze_sim import sample_episode
-from maze_sim.mazes import lattice_shape, to_shape
+from maze_sim.mazes import joined_walls, lattice_shape, to_shape
 from maze_sim.worlds import MAX_WORLDS
 
 if TYPE_CHECKING:
@@ -83,11 +83,7 @@ def kruskal(shape: Shape, rng: np.random.Generator) -> NDArray[np.bool_]:
     other = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
     order = 1.0 + rng.permutation(len(one))
     tree = minimum_spanning_tree(coo_array((order, (one, other)), shape=(rows * cols,) * 2))
-    blocked = np.ones(shape, dtype=np.bool_)
-    blocked[1 : 2 * rows : 2, 1 : 2 * cols : 2] = False
-    (row, col), (to_row, to_col) = (np.divmod(cells, cols) for cells in tree.nonzero())
-    blocked[row + to_row + 1, col + to_col + 1] = False
-    return blocked
+    return joined_walls(shape, *tree.nonzero())
 
 
 def sidewinder(shape: Shape, rng: np.random.Generator) -> NDArray[np.bool_]:

@@ -80,7 +80,8 @@ class Calvin3DSearcher:
         grid = sight.grid
         views = sight.views()
         lattice = self._memory.look(views, grid)
-        self._allowed.append(torch.from_numpy(_safety(grid).allowed_first).float())
+        check = _safety(grid)
+        self._allowed.append(torch.from_numpy(check.allowed_first).float())
         allowed = lattice.new_ones(1, NUM_ACTIONS, *lattice.shape[2:])
         for (row, col), here in zip(self._memory.stood(grid).tolist(), self._allowed, strict=True):
             allowed[0, :, row, col] = here
@@ -88,7 +89,7 @@ class Calvin3DSearcher:
         allowed[0, DONE] = torch.maximum(allowed[0, DONE], goal)
         found = self._model(lattice, allowed)
         heading = int(heading_of(views.bearings[-1:])[0])
-        return safe_step(found.q_values[0, heading, :, *grid.start].numpy(), grid)
+        return _best_step(found.q_values[0, heading, :, *grid.start].numpy(), check)
 
 
 class NoProjectorSearcher:
@@ -125,7 +126,10 @@ def safe_step(q_values: NDArray[np.float32], grid: PlanningGrid) -> list[int]:
     Returns:
         None, to give up, where nothing worth going to is in reach.
     """
-    check = _safety(grid)
+    return _best_step(q_values, _safety(grid))
+
+
+def _best_step(q_values: NDArray[np.float32], check: SafetyCheck) -> list[int]:
     if check.status != 'ok':
         return []
     return [int(np.where(check.allowed_first, q_values, -np.inf).argmax())]

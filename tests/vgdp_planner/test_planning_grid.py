@@ -13,12 +13,12 @@ from scipy import ndimage
 
 from gridnav import FREE, GOAL, OBSTACLE, STEPS, GridGeometry, valid_moves
 from gridnav.partial_map import from_occupancy
+from vgdp_planner.coarsening import make_planning_grid
 from vgdp_planner.planning_grid import (
     GridSettings,
     OccupiedError,
     OutsideMapError,
     PlanningGrid,
-    make_planning_grid,
 )
 from vgdp_planner.safety import SafetyCheck
 from vgdp_planner.ways import inflate

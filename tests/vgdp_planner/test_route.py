@@ -8,7 +8,8 @@ import pytest
 from gridnav import FREE, GridGeometry
 from maze_sim import make_mazes
 from vgdp_planner import ValueGuidedPlanner
-from vgdp_planner.planning_grid import GridSettings, make_planning_grid
+from vgdp_planner.coarsening import make_planning_grid
+from vgdp_planner.planning_grid import GridSettings
 from vgdp_planner.route import (
     NoRouteError,
     RouteTimeoutError,

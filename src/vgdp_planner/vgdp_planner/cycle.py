@@ -11,7 +11,8 @@ import numpy as np
 from scipy import ndimage
 
 from gridnav import DONE, FREE, STEPS
-from vgdp_planner.planning_grid import GridSettings, make_planning_grid
+from vgdp_planner.coarsening import make_planning_grid
+from vgdp_planner.planning_grid import GridSettings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vgdp_planner.coarsening import make_planning_grid
 from vgdp_planner.cycle import NEVER, Decision, Observation
-from vgdp_planner.planning_grid import make_planning_grid
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -18,12 +18,12 @@ from vgdp_experiments.data import (
     walk_expert,
     walk_explorer,
 )
+from vgdp_experiments.labels import Labels, expected_spl
 from vgdp_experiments.map_codes import pack, unpack
 from vgdp_experiments.rollouts import (
     ExplorationSteps,
     explore,
     frontier_cells,
-    patience,
     worth_of_unseen,
 )
 from vgdp_experiments.train_value import turned, worth_losses
@@ -32,7 +32,10 @@ from vgdp_planner import ValueGuidedPlanner
 from vgdp_planner.config import preset
 from vgdp_planner.value import ValueNetwork
 
-SCALE = patience((3, 42))
+SUCCESS = Labels()
+
+SCALE = SUCCESS.patience * 42
+"""Patience in the corridor, in cells."""
 
 if TYPE_CHECKING:
     import argparse
@@ -83,11 +86,17 @@ def corridor(start: int) -> Maze:
     return Maze.solved(blocked, (1, start), (1, 40))
 
 
-def compared_at_first(start: int) -> ExplorationSteps:
+def compared_at_first(start: int, labels: Labels = SUCCESS) -> ExplorationSteps:
     """Return the first step in a corridor where both ways were tried."""
-    steps = explore([corridor(start)], None, 2, 99, np.random.default_rng(0))
+    steps = explore([corridor(start)], None, 2, 99, np.random.default_rng(0), labels)
     compared = np.flatnonzero(np.isfinite(steps.distances[:, 1]))
     return steps.take(compared[[steps.weights[compared].argmax()]])
+
+
+def from_here(steps: ExplorationSteps) -> np.ndarray:
+    """Return what each choice of a step brings, seen from where the explorer was."""
+    found: np.ndarray = steps.successes[0] * np.exp(-steps.distances[0] / steps.patiences[0])
+    return found
 
 
 def success(costs: np.ndarray) -> float:
@@ -100,7 +109,7 @@ def test_labels_are_the_mean_success_of_finding_a_goal(
 ) -> None:
     """In a corridor each label is the mean of γ^way from what is next unseen to all open goals."""
     monkeypatch.setattr(rollouts, 'KEPT_SHARE', 1.0)
-    steps = explore([corridor(1)], network, 2, 2, np.random.default_rng(0))
+    steps = explore([corridor(1)], network, 2, 2, np.random.default_rng(0), SUCCESS)
     assert steps.targets[:, 0, 1].tolist() == list(range(4, 41))
     assert np.isinf(steps.distances[:, 1:]).all()
     for (row, column), found, weight in zip(
@@ -114,9 +123,10 @@ def test_labels_are_the_mean_success_of_finding_a_goal(
         assert weight == pytest.approx(len(goals) / 25)
 
 
-def test_other_choices_are_tried_from_the_same_step() -> None:
+@pytest.mark.parametrize('labels', [Labels(), Labels('success', 20.0), Labels('spl')])
+def test_other_choices_are_tried_from_the_same_step(labels: Labels) -> None:
     """In the middle of a corridor both ways are tried, each with what it really leads to."""
-    compared = compared_at_first(20)
+    compared = compared_at_first(20, labels)
     assert np.isinf(compared.distances[:, 2:]).all()
     code = compared.codes[0]
     first, last = np.flatnonzero(code[1])[[0, -1]]
@@ -124,13 +134,52 @@ def test_other_choices_are_tried_from_the_same_step() -> None:
     left, right = left[code[1, left] == 0], right[code[1, right] == 0]
     # The robot stands two cells from the end of what it sees, on the side that it went to.
     at = first + 2 if 20 - first > last - 20 else last - 2
+    ways, spent = np.concatenate([20 - left, right - 20]), abs(at - 20)
     # To see the wall at the end it goes there up to one cell; then it turns back.
     if_left = np.concatenate([at - left, at - 2 + right - 2])
-    if_right = np.concatenate([right - at, 39 - at + 39 - left])
+    if_right = np.concatenate([39 - at + 39 - left, right - at])
     for choice in range(2):
-        costs = if_left if compared.targets[0, choice, 1] < at else if_right
-        from_here = compared.successes[0, choice] * np.exp(-compared.distances[0, choice] / SCALE)
-        assert from_here == pytest.approx(success(costs), rel=1e-4)
+        to_come = if_left if compared.targets[0, choice, 1] < at else if_right
+        wanted = np.exp(-to_come / (labels.patience * 42)).mean()
+        if labels.objective == 'spl':
+            spl, most = ways / np.maximum(spent + to_come, ways), ways / np.maximum(spent, ways)
+            wanted = spl.sum() / most.sum()
+        assert from_here(compared)[choice] == pytest.approx(wanted, rel=1e-4)
+
+
+def test_the_expert_knows_the_way_from_the_target_on() -> None:
+    """In a corridor it turns round at once, having gone one step the wrong way."""
+    compared = compared_at_first(20, Labels('expert'))
+    goals = np.concatenate([np.arange(1, 6), np.arange(35, 41)])
+    goals = goals[compared.codes[0][1, goals] == 0]
+    for choice, brought in enumerate(from_here(compared)[:2]):
+        target, distance = compared.targets[0, choice], compared.distances[0, choice]
+        wanted = success(distance + np.abs(goals - target[1]))
+        assert target[0] == 1
+        assert brought == pytest.approx(wanted, rel=1e-4)
+
+
+def test_patience_is_how_fast_the_spl_falls() -> None:
+    """A little more to come takes that share of the SPL away that the patience says."""
+    rng = np.random.default_rng(0)
+    goals = rng.random((3, 4, 5)) < 0.7
+    ways = rng.uniform(15, 30, goals.shape)
+    to_come = ways + rng.uniform(0, 40, goals.shape)
+    spent = np.array([0.0, 20.0, 300.0])
+    share, patience, at_once = expected_spl(goals, to_come, spent, ways)
+    for index in range(3):
+        costs, d = spent[index] + to_come[index][goals[index]], ways[index][goals[index]]
+        assert share[index] * at_once[index] == pytest.approx((d / costs).sum())
+    later = expected_spl(goals, to_come + 0.01, spent, ways)[0]
+    assert np.log(later / share) == pytest.approx(-0.01 / patience, rel=1e-2)
+    assert (np.diff(patience) > 0).all()
+
+
+def test_spl_is_never_more_than_one() -> None:
+    """A goal that is reached on the shortest way brings 1, whatever it is said to cost."""
+    one = np.ones((1, 1, 1))
+    share, _, at_once = expected_spl(one > 0, 5 * one, np.zeros(1), 20 * one)
+    assert (share[0], at_once[0]) == (1.0, 1.0)
 
 
 def test_worth_learns_the_better_choice() -> None:
@@ -153,7 +202,7 @@ def test_worth_learns_the_better_choice() -> None:
 def test_turning_keeps_targets_on_their_cells() -> None:
     """Maps that are no squares are turned and mirrored together with the targets on them."""
     rng = np.random.default_rng(0)
-    steps = explore([corridor(20)], None, 2, 99, rng)
+    steps = explore([corridor(20)], None, 2, 99, rng, SUCCESS)
     kinds = [steps.codes[i][tuple(steps.targets[i, 0])] for i in range(len(steps))]
     assert set(kinds) == {0}
     shapes = set()

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vgdp_experiments.report import Report, markdown
-from vgdp_experiments.train_value import WORLDS
+from vgdp_experiments.train_value import chosen_worlds
 from vgdp_planner.config import Config, preset
 from vgdp_planner.weights import load_weights, read_record, save_weights
 
@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     save_weights(arguments.out, config, value_tensors | policy_tensors, training)
     card = CARD.format(
         preset=name,
-        trained_on=trained_on(name, training['policy']['demonstrations']),
+        trained_on=trained_on(name, training),
         commands='\n'.join(commands(training, arguments)),
         losses=', '.join(
             f'{name} {value:.4g}'
@@ -82,15 +82,17 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def trained_on(name: str, demonstrations: dict[str, Any]) -> str:
+def trained_on(name: str, training: dict[str, Any]) -> str:
     """Return the worlds that a preset is trained on, in a sentence or two."""
+    demonstrations = training['policy']['demonstrations']
     size, view_range = demonstrations.get('size'), demonstrations.get('view_range')
     seen = f'view range {view_range}' if view_range else 'view ranges 1 to 3'
     if name == 'paper':
         return f'Trained on Wilson mazes of {size} x {size} with {seen}.'
-    kinds = list(dict.fromkeys(world.kind for world in WORLDS))
-    sizes = [world.size for world in WORLDS]
-    ranges = [world.view_range for world in WORLDS]
+    worlds = chosen_worlds(training['value'].get('worlds', ''))
+    kinds = list(dict.fromkeys(world.kind for world in worlds))
+    sizes = [world.size for world in worlds]
+    ranges = [world.view_range for world in worlds]
     return (
         f'The value function was trained on worlds of {min(sizes)} to {max(sizes)} cells a side '
         f'with\nview ranges {min(ranges)} to {max(ranges)} ({", ".join(kinds)}), the policy\non '

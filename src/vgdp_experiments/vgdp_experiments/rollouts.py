@@ -2,14 +2,8 @@
 
 Until the goal is seen an explorer does not know where it is, so one rollout that looks for
 nothing and explores everything tells what every goal would have cost: the way until it is seen,
-and on to it. The steps of the rollout are labelled with their mean over all goals that were still
-possible, and that varies much less than the cost of reaching a single goal.
-
-The mean is one of γ^cost, a success that counts less the longer it takes, and not of the costs:
-what is found late hardly counts any more, so an explorer does well to look first where most of
-the goals may be, as SPL rewards it, and leaves the odd corner for later. The patience, after
-which a success counts e times less (γ = exp(-1 / patience)), grows with the map's side: on large
-maps all goals take long.
+and on to it. The steps of the rollout are labelled with a mean over all goals that were still
+possible (`labels`), and that varies much less than what reaching a single goal brings.
 
 What decides is not what a choice costs but what it costs beside the others. So some steps are
 taken again in another way: the explorer is put back to where it was, with what it knew, and sent
@@ -37,6 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from maze_sim import Maze
+    from vgdp_experiments.labels import Labels
     from vgdp_planner.value import ValueNetwork
 
 PULL = 1000.0
@@ -54,11 +49,9 @@ CHOICE_TEMPERATURE = 3.0
 CLOSE_CALL = 12.0
 """Choices that look worse by more cells than this are not tried."""
 
-PATIENCE_SIDES = 2.0
-"""A success counts e times less after a cost of so many sides of the map."""
-
-LATE = 5.0
-"""What other choices lead to is followed until successes count exp(-LATE) times."""
+LATE_SIDES = 10.0
+"""What a choice leads to is followed over so many sides of the map. What is found later counts as
+found then, for all the choices of a step alike."""
 
 KEPT_SHARE = 0.25
 """Share of the steps that are kept whose choice was not compared with others."""
@@ -72,15 +65,17 @@ class ExplorationSteps:
         codes: What had been seen, packed, uint8 (N, H, W).
         targets: The unseen cells (row, col) that the explorer was heading to, (N, K, 2).
         distances: How far they are, float32 (N, K); inf where there is no further choice.
-        successes: Mean of γ^cost over the possible goals that had not been seen, by the cost that
-            is still to come once the explorer is there, float32 (N, K); γ = exp(-1 / `patience`).
-        weights: Share of the possible goals that had not been seen, float32 (N,).
+        successes: What the possible goals that had not been seen bring on average once the
+            explorer is there, as a share of what they would with nothing to come, float32 (N, K).
+        patiences: Cost in cells after which a success counts e times less, float32 (N,).
+        weights: What all these goals had left to bring, over the number of goals, float32 (N,).
     """
 
     codes: NDArray[np.uint8]
     targets: NDArray[np.int64]
     distances: NDArray[np.float32]
     successes: NDArray[np.float32]
+    patiences: NDArray[np.float32]
     weights: NDArray[np.float32]
 
     def __len__(self) -> int:
@@ -187,11 +182,6 @@ def best_actions(
     return ahead.argmax(axis=1), ~obstacle & (values > UNREACHED / 2)
 
 
-def patience(shape: tuple[int, int]) -> float:
-    """Return the cost in cells after which a success counts e times less on such maps."""
-    return PATIENCE_SIDES * max(shape)
-
-
 def frontier_cells(partial_maps: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Return the unseen cells that a step from an observed free cell leads to, (B, H, W).
 
@@ -216,8 +206,10 @@ class _Notes:
         cells: Where the explorer was, (N, 2).
         targets: The unseen cells that it was heading to, (N, 2).
         distances: How far they were, (N,).
-        successes: Mean of γ^cost by the cost still to come from where it was, (N,).
-        weights: Share of the possible goals that had not been seen, (N,); 0 leaves a step out.
+        spent: What the way there had cost, (N,).
+        successes: What the possible goals that had not been seen bring, seen from there, (N,).
+        patiences: Cost after which that falls e times, (N,).
+        weights: What the goals had left to bring, (N,); 0 leaves a step out.
     """
 
     rows: NDArray[np.int64]
@@ -225,7 +217,9 @@ class _Notes:
     cells: NDArray[np.int64]
     targets: NDArray[np.int64]
     distances: NDArray[np.float64]
+    spent: NDArray[np.float64]
     successes: NDArray[np.float64]
+    patiences: NDArray[np.float64]
     weights: NDArray[np.float64]
 
     def as_steps(self, rows: NDArray[np.integer]) -> ExplorationSteps:
@@ -235,11 +229,16 @@ class _Notes:
         successes = np.zeros((len(rows), CHOICES), dtype=np.float32)
         targets[:, 0] = self.targets[rows]
         distances[:, 0] = self.distances[rows]
-        successes[:, 0] = self.successes[rows] * np.exp(
-            self.distances[rows] / patience(self.codes.shape[1:])
+        patiences = self.patiences[rows]
+        successes[:, 0] = self.successes[rows] * np.exp(self.distances[rows] / patiences)
+        return ExplorationSteps(
+            self.codes[rows],
+            targets,
+            distances,
+            successes,
+            patiences.astype(np.float32),
+            self.weights[rows].astype(np.float32),
         )
-        weights = self.weights[rows].astype(np.float32)
-        return ExplorationSteps(self.codes[rows], targets, distances, successes, weights)
 
 
 def explore(
@@ -248,8 +247,9 @@ def explore(
     view_range: int,
     branches: int,
     rng: np.random.Generator,
+    labels: Labels,
 ) -> ExplorationSteps:
-    """Explore mazes completely and label the steps with what finding a goal costs on average.
+    """Explore mazes completely and label the steps with what finding a goal brings on average.
 
     Args:
         mazes: Of one shape. The goals are not used: all cells far enough from the start are.
@@ -257,10 +257,11 @@ def explore(
         view_range: Cells that a view reaches to each side.
         branches: Steps of each maze where other choices are tried, too.
         rng: Source of the choice of these, and of the steps that are kept.
+        labels: What the steps are labelled with.
     """
-    far = np.stack([cost_to_go(maze.blocked, maze.start) for maze in mazes])
-    possible = np.isfinite(far) & (far >= LEAST_GOAL_COST)
-    notes = _explore(mazes, possible, network, view_range)
+    ways = np.stack([cost_to_go(maze.blocked, maze.start) for maze in mazes])
+    ways[ways < LEAST_GOAL_COST] = np.inf
+    notes = _explore(mazes, ways, network, view_range, labels)
     steps = _branches(notes, len(mazes), branches, rng)
     groups = notes.as_steps(steps)
     rows, choices, targets, distances = _other_choices(notes, steps, groups, network, rng)
@@ -273,16 +274,15 @@ def explore(
             replace(mazes[notes.rows[step]], start=tuple(notes.cells[step].tolist()))
             for step in origin.tolist()
         ]
-        pulls = np.zeros((len(again), *possible.shape[1:]), dtype=np.float32)
+        pulls = np.zeros((len(again), *ways.shape[1:]), dtype=np.float32)
         pulls[np.arange(len(again)), targets[part, 0], targets[part, 1]] = PULL
         sibling = _explore(
             again,
-            possible[notes.rows[origin]],
+            ways[notes.rows[origin]],
             network,
             view_range,
-            notes.codes[origin],
-            pulls,
-            LATE * patience(possible.shape[1:]),
+            labels,
+            _Before(notes.codes[origin], notes.spent[origin], pulls),
         )
         # Each row was looked at before its first step.
         first = np.searchsorted(sibling.rows[: len(again)], np.arange(len(again)))
@@ -290,7 +290,7 @@ def explore(
         groups.targets[place] = targets[part]
         groups.distances[place] = distances[part]
         groups.successes[place] = sibling.successes[first] * np.exp(
-            distances[part] / patience(possible.shape[1:])
+            distances[part] / notes.patiences[origin]
         )
         parts.append(sibling.as_steps(_some(sibling, rng)))
     compared = np.isfinite(groups.distances).sum(axis=1) > 1
@@ -301,40 +301,56 @@ def _some(notes: _Notes, rng: np.random.Generator) -> NDArray[np.int64]:
     return np.flatnonzero((notes.weights > 0) & (rng.random(len(notes.rows)) < KEPT_SHARE))
 
 
+@dataclass(frozen=True)
+class _Before:
+    """What came before an exploration that goes on from the middle of another one.
+
+    Attributes:
+        known: What had been seen, packed, (B, H, W).
+        spent: What the way had cost, (B,).
+        pulls: Added to the worth of the unseen from there on, (B, H, W).
+    """
+
+    known: NDArray[np.uint8]
+    spent: NDArray[np.float64]
+    pulls: NDArray[np.float32]
+
+
 def _explore(
     mazes: Sequence[Maze],
-    possible: NDArray[np.bool_],
+    ways: NDArray[np.float64],
     network: ValueNetwork | None,
     view_range: int,
-    known: NDArray[np.uint8] | None = None,
-    pulls: NDArray[np.float32] | None = None,
-    most_cost: float = np.inf,
+    labels: Labels,
+    before: _Before | None = None,
 ) -> _Notes:
-    """Explore mazes, from their starts and from what is known of them.
+    """Explore mazes: completely, or, what goes on from another exploration, until it is late.
 
     Args:
         mazes: B of one shape.
-        possible: Where the goal may be, (B, H, W).
+        ways: Shortest ways from where all began to where the goal may be, inf elsewhere,
+            (B, H, W).
         network: The explorer steps greedily on its values.
         view_range: Cells that a view reaches to each side.
-        known: What has been seen before, packed, (B, H, W).
-        pulls: Added to the worth of the unseen, (B, H, W).
-        most_cost: An exploration ends when it has cost so much, and completely before.
+        labels: What the steps are labelled with.
+        before: What came before.
     """
     count = len(mazes)
     height, width = mazes[0].blocked.shape
+    late = LATE_SIDES * max(height, width)
     simulation = MazeSimulation(mazes, view_range, max_steps=20 * height * width)
-    explorer = GreedyExplorer(network, (count, height, width), pulls)
-    before = np.zeros((count, 3, height, width), np.float32) if known is None else unpack(known)
+    explorer = GreedyExplorer(network, (count, height, width), before.pulls if before else None)
+    known = unpack(before.known) if before else np.zeros((count, 3, height, width), np.float32)
     found_at = np.full((count, height, width), np.inf)
     noted: list[tuple[NDArray[Any], ...]] = []
     while simulation.active.any():
-        maps = np.maximum(simulation.partial_maps, before)
+        maps = np.maximum(simulation.partial_maps, known)
         maps[:, GOAL] = 0.0
-        _note_found(found_at, maps, simulation)
+        note_found(found_at, maps, simulation)
         rows = explorer.look(maps, simulation.active)
         actions, reached = explorer.at(simulation.cells)
-        simulation.give_up(np.flatnonzero(~reached | (simulation.path_costs >= most_cost)))
+        ended = ~reached | (simulation.path_costs >= late) if before else ~reached
+        simulation.give_up(np.flatnonzero(ended))
         if not noted:
             stuck = np.flatnonzero(~simulation.active)
             if len(stuck):
@@ -347,19 +363,42 @@ def _explore(
             (rows, pack(maps[rows]), cells, targets, distances, simulation.path_costs[rows])
         )
         simulation.step(np.where(simulation.active, actions, DONE))
-    rows, codes, cells, targets, distances, spent = (
+    rows, codes, cells, targets, distances, cost = (
         np.concatenate(part) for part in zip(*noted, strict=True)
     )
-    still_open = possible[rows] & (codes == 0)
-    number = still_open.sum(axis=(1, 2))
-    still_to_come = np.where(still_open, found_at[rows] - spent[:, None, None], np.inf)
-    total = np.exp(-still_to_come / patience((height, width))).sum(axis=(1, 2))
-    successes = total / np.maximum(number, 1)
-    weights = number / np.maximum(possible.sum(axis=(1, 2))[rows], 1)
-    return _Notes(rows, codes, cells, targets, distances, successes, weights)
+    if labels.objective == 'expert':
+        to_come = _expert_costs([mazes[row] for row in rows], cells, targets, distances)
+    else:
+        to_come = np.minimum(found_at[rows] - cost[:, None, None], late)
+    possible = np.isfinite(ways)
+    spent = cost + before.spent[rows] if before else cost
+    goals = possible[rows] & (codes == 0)
+    successes, patiences, left = labels.of(goals, to_come, spent, ways[rows])
+    weights = left / np.maximum(possible.sum(axis=(1, 2))[rows], 1)
+    return _Notes(rows, codes, cells, targets, distances, spent, successes, patiences, weights)
 
 
-def _note_found(
+def _expert_costs(
+    mazes: Sequence[Maze],
+    cells: NDArray[np.int64],
+    targets: NDArray[np.int64],
+    distances: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return what reaching each cell costs one who goes to a target and then knows all, (N, H, W).
+
+    Where the target turns out to be an obstacle, that is seen before the first step.
+    """
+    costs = np.empty((len(mazes), *mazes[0].blocked.shape))
+    for index, maze in enumerate(mazes):
+        target = tuple(targets[index].tolist())
+        if maze.blocked[target]:
+            costs[index] = cost_to_go(maze.blocked, tuple(cells[index].tolist()))
+        else:
+            costs[index] = distances[index] + cost_to_go(maze.blocked, target)
+    return costs
+
+
+def note_found(
     found_at: NDArray[np.float64], maps: NDArray[np.float32], simulation: MazeSimulation
 ) -> None:
     """Note what it would have cost to reach each cell that is seen for the first time."""

@@ -9,7 +9,7 @@ choices that were tried. Exploring goes on beside the training, a round ahead of
 from __future__ import annotations
 
 from concurrent.futures import Future, ProcessPoolExecutor
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,9 +20,10 @@ from safetensors.torch import load_file, save_file
 from tqdm import tqdm
 
 from maze_sim import make_mazes
+from vgdp_experiments.labels import Labels
 from vgdp_experiments.map_codes import unpack
 from vgdp_experiments.options import add_settings, read_settings
-from vgdp_experiments.rollouts import ExplorationSteps, explore, patience
+from vgdp_experiments.rollouts import ExplorationSteps, explore
 from vgdp_experiments.train_dynamics import train_dynamics
 from vgdp_experiments.training import (
     Ema,
@@ -79,6 +80,11 @@ class TrainingWorld:
     share: float
 
     @property
+    def name(self) -> str:
+        """Kind, side and view range."""
+        return f'{self.kind}-{self.size}-view{self.view_range}'
+
+    @property
     def fraction(self) -> float:
         """How many maps of this size count as one of the usual size, inverted."""
         return (USUAL_SIZE / self.size) ** 2
@@ -106,6 +112,9 @@ class ValueTraining:
         out: Folder for weights, logs, explorations and checkpoints.
         initial: Folder with weights to go on from, whose rules of the world are kept; none if
             empty.
+        objective: What choices are compared by, success, spl or expert.
+        patience: After so many sides of the map a success counts e times less.
+        worlds: Names of the worlds, such as maze-15-view2, separated by commas; all if empty.
         seed: Of everything random.
         dynamics_steps: Optimisation steps on the rules of the world.
         rounds: Rounds of exploring and learning.
@@ -121,6 +130,9 @@ class ValueTraining:
 
     out: str = 'runs/value'
     initial: str = ''
+    objective: str = Labels.objective
+    patience: float = Labels.patience
+    worlds: str = ''
     seed: int = 0
     dynamics_steps: int = 3000
     rounds: int = 6
@@ -134,14 +146,37 @@ class ValueTraining:
     threads: int = 1
 
 
+def chosen_worlds(names: str) -> list[TrainingWorld]:
+    """Return worlds by their names, separated by commas; all if empty. The shares add up to 1.
+
+    Raises:
+        ValueError: If there is none of a name.
+    """
+    known = {world.name: world for world in WORLDS}
+    chosen = [name for name in names.split(',') if name] or list(known)
+    for name in chosen:
+        if name not in known:
+            msg = f'There is no world {name!r} to train in; there are {", ".join(known)}.'
+            raise ValueError(msg)
+    worlds = [known[name] for name in chosen]
+    total = sum(world.share for world in worlds)
+    return [replace(world, share=world.share / total) for world in worlds]
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the settings as options."""
     add_settings(parser, ValueTraining)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Train and write the weights; returns the exit code."""
+    """Train and write the weights; returns the exit code.
+
+    Raises:
+        ValueError: If the settings can't be used.
+    """
     settings = read_settings(ValueTraining, arguments)
+    chosen_worlds(settings.worlds)
+    Labels(settings.objective, settings.patience)
     torch.set_num_threads(settings.threads)
     torch.manual_seed(settings.seed)
     config = preset('default')
@@ -222,13 +257,14 @@ class Exploration:
     ) -> None:
         self._pool, self._folder = pool, folder
         self._settings, self._number = settings, number
+        self._worlds = chosen_worlds(settings.worlds)
         self._parts: list[list[Future[ExplorationSteps]]] = []
         self._samples: list[ExplorationSteps] = []
 
     def _files(self) -> list[Path]:
         return [
             self._folder / _SAMPLES_OF_ROUND.format(self._number, world)
-            for world in range(len(WORLDS))
+            for world in range(len(self._worlds))
         ]
 
     def begin(self) -> None:
@@ -239,7 +275,8 @@ class Exploration:
         weights = str(self._folder / _INITIAL_WEIGHTS) if settings.initial else None
         if self._number >= AHEAD:
             weights = str(self._folder / _WEIGHTS_OF_ROUND.format(self._number - AHEAD))
-        for index, world in enumerate(WORLDS):
+        labels = Labels(settings.objective, settings.patience)
+        for index, world in enumerate(self._worlds):
             count = max(1, round(settings.mazes * world.share * world.fraction))
             at_once = max(1, int(EXPLORED_AT_ONCE * world.fraction))
             self._parts.append(
@@ -251,6 +288,7 @@ class Exploration:
                         [settings.seed, 3, self._number, index, first],
                         settings.branches,
                         weights,
+                        labels,
                     )
                     for first in range(0, count, at_once)
                 ]
@@ -274,7 +312,12 @@ class Exploration:
 
 
 def explore_part(
-    world: TrainingWorld, count: int, seed: Sequence[int], branches: int, weights: str | None
+    world: TrainingWorld,
+    count: int,
+    seed: Sequence[int],
+    branches: int,
+    weights: str | None,
+    labels: Labels,
 ) -> ExplorationSteps:
     """Explore some worlds of a kind, stepping on the weights of a file or to what is nearest."""
     torch.set_num_threads(1)
@@ -292,7 +335,7 @@ def explore_part(
         )
     rng = np.random.default_rng(seed)
     worlds = make_mazes(count, world.size, int(rng.integers(2**40, 2**62)), kind=world.kind)
-    return explore(worlds, network, world.view_range, branches, rng)
+    return explore(worlds, network, world.view_range, branches, rng, labels)
 
 
 def _save_steps(file: Path, steps: ExplorationSteps) -> None:
@@ -319,7 +362,8 @@ def _train_round(
     """Train on the explorations of a round; returns the last losses."""
     batches = [WorldBatches(of_world) for of_world in samples]
     rng = np.random.default_rng([settings.seed, 2, number])
-    shares = [world.share for world in WORLDS]
+    worlds = chosen_worlds(settings.worlds)
+    shares = [world.share for world in worlds]
     parameters = [item for group in optimizer.param_groups for item in group['params']]
     steps = range(number * settings.steps, (number + 1) * settings.steps)
     # The rate falls in the second half of what it is told about.
@@ -333,8 +377,8 @@ def _train_round(
         rate = learning_rate(step - constant, 2 * decay, settings.learning_rate)
         for group in optimizer.param_groups:
             group['lr'] = rate
-        index = int(rng.choice(len(WORLDS), p=shares))
-        size = max(1, round(settings.batch * WORLDS[index].fraction))
+        index = int(rng.choice(len(worlds), p=shares))
+        size = max(1, round(settings.batch * worlds[index].fraction))
         terms = worth_losses(both.value, batches[index].draw(size, rng))
         optimizer.zero_grad()
         (terms['level'] + terms['differences']).backward()  # type: ignore[no-untyped-call]
@@ -385,12 +429,13 @@ def turned(samples: ExplorationSteps, rng: np.random.Generator) -> ExplorationSt
         np.ascontiguousarray(targets),
         samples.distances,
         samples.successes,
+        samples.patiences,
         samples.weights,
     )
 
 
 def worth_losses(network: ValueNetwork, samples: ExplorationSteps) -> dict[str, Tensor]:
-    """Return the losses of what the unseen is worth, τ log E[γ^cost] with τ = `patience`.
+    """Return the losses of what the unseen is worth, τ log(success) with the patience τ.
 
     'level' is the Poisson deviance of the successes, whose minimum is at their mean.
     'differences' is the cross-entropy of the successes that each of several choices would have
@@ -402,7 +447,7 @@ def worth_losses(network: ValueNetwork, samples: ExplorationSteps) -> dict[str, 
         samples: A batch.
     """
     count = len(samples)
-    scale = patience(samples.codes.shape[1:])
+    scale = torch.from_numpy(samples.patiences)[:, None]
     with torch.autocast('cpu', dtype=torch.bfloat16):
         worth, level = network.worth_and_level(torch.from_numpy(unpack(samples.codes)))
     targets, distances = torch.from_numpy(samples.targets), torch.from_numpy(samples.distances)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,9 +21,11 @@ from vgdp_experiments.data import (
 )
 from vgdp_experiments.labels import Labels, expected_spl
 from vgdp_experiments.map_codes import pack, unpack
+from vgdp_experiments.merge import page_of
 from vgdp_experiments.rollouts import (
     ExplorationSteps,
     explore,
+    explored_spl,
     frontier_cells,
     worth_of_unseen,
 )
@@ -31,6 +34,7 @@ from vgdp_experiments.worlds import training_maze
 from vgdp_planner import ValueGuidedPlanner
 from vgdp_planner.config import preset
 from vgdp_planner.value import ValueNetwork
+from vgdp_planner.weights import SHIPPED
 
 SUCCESS = Labels()
 
@@ -182,6 +186,20 @@ def test_spl_is_never_more_than_one() -> None:
     assert (share[0], at_once[0]) == (1.0, 1.0)
 
 
+def test_spl_over_all_goals() -> None:
+    """Who goes straight loses nothing; who turns back loses what the way there and back costs."""
+    assert explored_spl([corridor(1)], None, 2) == pytest.approx([1.0])
+    left, right = np.arange(1, 6), np.arange(35, 41)
+    # It turns back a cell before the end, from where it sees that this is the end.
+    right_first = [*np.ones(6), *((20 - left) / (19 + 39 - left))]
+    left_first = [*np.ones(5), *((right - 20) / (18 + right - 2))]
+    found = explored_spl([corridor(20)], None, 2)[0]
+    assert found in (
+        pytest.approx(np.mean(right_first)),
+        pytest.approx(np.mean(left_first)),
+    )
+
+
 def test_worth_learns_the_better_choice() -> None:
     """Trained on two choices of known success, the network prefers the better one."""
     torch.manual_seed(0)
@@ -308,6 +326,46 @@ def test_the_whole_chain_of_commands(parser: argparse.ArgumentParser, tmp_path: 
             simulation.step(np.array([action]))
     assert simulation.outcomes[0] is not Outcome.COLLISION
     assert (value / 'log.csv').read_text().startswith('step,')
+
+
+@pytest.mark.parametrize(
+    ('option', 'sentence'),
+    [
+        ('--objective fame', "There is no objective 'fame'; there are success, spl, expert"),
+        ('--patience 0', 'A patience of 0.0 sides of the map is not above 0'),
+        (
+            '--worlds maze-15-view9',
+            "There is no world 'maze-15-view9' to train in; there are maze",
+        ),
+    ],
+)
+def test_settings_that_can_not_be_used(
+    parser: argparse.ArgumentParser,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    option: str,
+    sentence: str,
+) -> None:
+    """Nothing is trained; one sentence names what is wrong."""
+    assert command(parser, f'train value --out {tmp_path} {option}')
+    assert sentence in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_values_are_compared_over_all_goals(
+    parser: argparse.ArgumentParser, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each explorer has the same worlds, the page shows the ratios, and a rerun is the same."""
+    out = tmp_path / 'results.json'
+    words = f'eval exploration {SHIPPED} --mazes 12 --setting 15-view2 kruskal -o {out}'
+    assert not command(parser, words)
+    first = out.read_text()
+    assert 'kruskal of 21×21, view range 2, 6 worlds' in capsys.readouterr().out
+    assert page_of(out).text.count('1.000 (1.000 … 1.000)') == 4
+    places = json.loads(first)['places']
+    assert [len(column) for place in places for column in place['spl'].values()] == [12, 12, 6, 6]
+    assert not command(parser, words)
+    assert out.read_text() == first
 
 
 def test_broken_demonstrations_are_named(tmp_path: Path) -> None:

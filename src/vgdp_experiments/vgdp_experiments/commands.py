@@ -82,6 +82,10 @@ GROUPS: dict[str, tuple[str, dict[str, tuple[str, str]]]] = {
                 'vgdp_experiments.suites.localisation',
                 'how fast the belief filter finds the robot',
             ),
+            'exploration': (
+                'vgdp_experiments.suites.exploration',
+                'values of the unseen, over all goals that a world may have',
+            ),
             'looks': (
                 'vgdp_experiments.search.learned.evaluate_looks',
                 'what values of the unseen make of the same choices in homes',

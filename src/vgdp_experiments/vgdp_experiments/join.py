@@ -100,17 +100,18 @@ def trained_on(name: str, training: dict[str, Any]) -> str:
     )
 
 
+def command(words: str, settings: dict[str, Any]) -> str:
+    """Return a command with all the settings that a record holds."""
+    options = ' '.join(
+        f'--{name.replace("_", "-")} {value}'
+        for name, value in settings.items()
+        if name not in ('losses', 'demonstrations') and value != ''
+    )
+    return f'vgdp {words} {options}'
+
+
 def commands(training: dict[str, Any], arguments: argparse.Namespace) -> list[str]:
     """Return the commands that trained the weights, with all their settings."""
-
-    def command(words: str, settings: dict[str, Any]) -> str:
-        options = ' '.join(
-            f'--{name.replace("_", "-")} {value}'
-            for name, value in settings.items()
-            if name not in ('losses', 'demonstrations') and value != ''
-        )
-        return f'vgdp {words} {options}'
-
     words = 'train value-paper' if training['policy']['preset'] == 'paper' else 'train value'
     return [
         command(words, training['value']),

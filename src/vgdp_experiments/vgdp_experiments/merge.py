@@ -13,6 +13,7 @@ from vgdp_experiments.suites import (
     avd,
     belief,
     curves,
+    exploration,
     generators,
     localisation,
     table,
@@ -43,6 +44,7 @@ SUITES = {
 SHOW: dict[str, Callable[[Path], Page]] = {
     **{name: suite.show for name, suite in SUITES.items()},
     localisation.NAME: localisation.show,
+    exploration.NAME: exploration.show,
 }
 """What makes the page of each kind of results."""
 

@@ -22,6 +22,7 @@ from scipy.ndimage import label
 
 from gridnav import DONE, FREE, GOAL, NUM_MOVES, OBSTACLE, STEP_LENGTHS, STEPS, valid_moves
 from maze_sim import MazeSimulation, cost_to_go
+from vgdp_experiments.labels import Labels
 from vgdp_experiments.map_codes import pack, unpack
 from vgdp_planner.best_ways import UNREACHED, best_way_values
 
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from maze_sim import Maze
-    from vgdp_experiments.labels import Labels
     from vgdp_planner.value import ValueNetwork
 
 PULL = 1000.0
@@ -259,9 +259,9 @@ def explore(
         rng: Source of the choice of these, and of the steps that are kept.
         labels: What the steps are labelled with.
     """
-    ways = np.stack([cost_to_go(maze.blocked, maze.start) for maze in mazes])
-    ways[ways < LEAST_GOAL_COST] = np.inf
-    notes = _explore(mazes, ways, network, view_range, labels)
+    ways = _ways(mazes)
+    late = LATE_SIDES * max(ways.shape[1:])
+    notes = _explore(mazes, ways, network, view_range, labels, late)
     steps = _branches(notes, len(mazes), branches, rng)
     groups = notes.as_steps(steps)
     rows, choices, targets, distances = _other_choices(notes, steps, groups, network, rng)
@@ -282,6 +282,7 @@ def explore(
             network,
             view_range,
             labels,
+            late,
             _Before(notes.codes[origin], notes.spent[origin], pulls),
         )
         # Each row was looked at before its first step.
@@ -295,6 +296,31 @@ def explore(
         parts.append(sibling.as_steps(_some(sibling, rng)))
     compared = np.isfinite(groups.distances).sum(axis=1) > 1
     return ExplorationSteps.joined([*parts, groups.take(compared)])
+
+
+def explored_spl(
+    mazes: Sequence[Maze], network: ValueNetwork | None, view_range: int
+) -> NDArray[np.float64]:
+    """Explore mazes completely; returns the SPL that each goal would have brought, on average.
+
+    Args:
+        mazes: B of one shape. All cells far enough from the start are goals.
+        network: The explorer steps greedily on its values.
+        view_range: Cells that a view reaches to each side.
+
+    Returns:
+        The mean over all goals of each maze, (B,).
+    """
+    notes = _explore(mazes, _ways(mazes), network, view_range, Labels('spl'), np.inf)
+    # Each maze was looked at before its first step, when nothing was spent.
+    return notes.successes[: len(mazes)]
+
+
+def _ways(mazes: Sequence[Maze]) -> NDArray[np.float64]:
+    """Return the shortest ways from the starts to where a goal may be, inf elsewhere."""
+    ways = np.stack([cost_to_go(maze.blocked, maze.start) for maze in mazes])
+    ways[ways < LEAST_GOAL_COST] = np.inf
+    return ways
 
 
 def _some(notes: _Notes, rng: np.random.Generator) -> NDArray[np.int64]:
@@ -322,6 +348,7 @@ def _explore(
     network: ValueNetwork | None,
     view_range: int,
     labels: Labels,
+    late: float,
     before: _Before | None = None,
 ) -> _Notes:
     """Explore mazes: completely, or, what goes on from another exploration, until it is late.
@@ -333,11 +360,11 @@ def _explore(
         network: The explorer steps greedily on its values.
         view_range: Cells that a view reaches to each side.
         labels: What the steps are labelled with.
+        late: What is found after such a cost, in cells, counts as found then.
         before: What came before.
     """
     count = len(mazes)
     height, width = mazes[0].blocked.shape
-    late = LATE_SIDES * max(height, width)
     simulation = MazeSimulation(mazes, view_range, max_steps=20 * height * width)
     explorer = GreedyExplorer(network, (count, height, width), before.pulls if before else None)
     known = unpack(before.known) if before else np.zeros((count, 3, height, width), np.float32)
@@ -346,7 +373,7 @@ def _explore(
     while simulation.active.any():
         maps = np.maximum(simulation.partial_maps, known)
         maps[:, GOAL] = 0.0
-        note_found(found_at, maps, simulation)
+        _note_found(found_at, maps, simulation)
         rows = explorer.look(maps, simulation.active)
         actions, reached = explorer.at(simulation.cells)
         ended = ~reached | (simulation.path_costs >= late) if before else ~reached
@@ -398,7 +425,7 @@ def _expert_costs(
     return costs
 
 
-def note_found(
+def _note_found(
     found_at: NDArray[np.float64], maps: NDArray[np.float32], simulation: MazeSimulation
 ) -> None:
     """Note what it would have cost to reach each cell that is seen for the first time."""

@@ -59,4 +59,7 @@ def test_the_paper_presets_card() -> None:
     assert policy.startswith('vgdp train policy --preset paper')
     sentence = join.trained_on('paper', demonstrations)
     assert sentence == 'Trained on Wilson mazes of 15 x 15 with view range 2.'
-    assert 'view ranges 1 to 3' in join.trained_on('default', asdict(DATA_SETTINGS['default']))
+    demonstrations = asdict(DATA_SETTINGS['default'])
+    assert 'view ranges 1 to 3' in join.trained_on('default', demonstrations)
+    sentence = join.trained_on('default', demonstrations, 'maze-15-view1,rooms-20-view2')
+    assert 'of 15 to 20 cells a side with\nview ranges 1 to 2 (maze, rooms), the' in sentence

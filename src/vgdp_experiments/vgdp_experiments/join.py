@@ -68,7 +68,9 @@ def run(arguments: argparse.Namespace) -> int:
     save_weights(arguments.out, config, value_tensors | policy_tensors, training)
     card = CARD.format(
         preset=name,
-        trained_on=trained_on(name, training),
+        trained_on=trained_on(
+            name, training['policy']['demonstrations'], training['value'].get('worlds', '')
+        ),
         commands='\n'.join(commands(training, arguments)),
         losses=', '.join(
             f'{name} {value:.4g}'
@@ -82,14 +84,13 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def trained_on(name: str, training: dict[str, Any]) -> str:
+def trained_on(name: str, demonstrations: dict[str, Any], worlds_of_value: str = '') -> str:
     """Return the worlds that a preset is trained on, in a sentence or two."""
-    demonstrations = training['policy']['demonstrations']
     size, view_range = demonstrations.get('size'), demonstrations.get('view_range')
     seen = f'view range {view_range}' if view_range else 'view ranges 1 to 3'
     if name == 'paper':
         return f'Trained on Wilson mazes of {size} x {size} with {seen}.'
-    worlds = chosen_worlds(training['value'].get('worlds', ''))
+    worlds = chosen_worlds(worlds_of_value)
     kinds = list(dict.fromkeys(world.kind for world in worlds))
     sizes = [world.size for world in worlds]
     ranges = [world.view_range for world in worlds]

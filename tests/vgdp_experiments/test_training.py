@@ -34,7 +34,7 @@ from vgdp_experiments.worlds import training_maze
 from vgdp_planner import ValueGuidedPlanner
 from vgdp_planner.config import preset
 from vgdp_planner.value import ValueNetwork
-from vgdp_planner.weights import SHIPPED
+from vgdp_planner.weights import SHIPPED, save_weights
 
 SUCCESS = Labels()
 
@@ -366,6 +366,22 @@ def test_values_are_compared_over_all_goals(
     assert [len(column) for place in places for column in place['spl'].values()] == [12, 12, 6, 6]
     assert not command(parser, words)
     assert out.read_text() == first
+
+
+def test_values_that_can_not_be_compared(
+    parser: argparse.ArgumentParser, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two folders of one name, and a value that knows no worth of the unseen, are named."""
+    out = tmp_path / 'results.json'
+    assert command(parser, f'eval exploration {SHIPPED} {SHIPPED} -o {out}')
+    assert 'has the name of another explorer' in capsys.readouterr().err
+    paper = preset('paper')
+    tensors = ValueNetwork(paper.value).state_dict()
+    named = {f'value.{name}': tensor for name, tensor in tensors.items()}
+    save_weights(tmp_path / 'paper', paper, named, {'value': {}})
+    assert command(parser, f'eval exploration {tmp_path / "paper"} -o {out}')
+    assert 'says nothing of what unseen cells are worth' in capsys.readouterr().err
+    assert not out.exists()
 
 
 def test_broken_demonstrations_are_named(tmp_path: Path) -> None:

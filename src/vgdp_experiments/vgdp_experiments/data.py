@@ -27,10 +27,8 @@ from vgdp_experiments.preset_settings import (
     read_preset_settings,
     require_positive,
 )
-from vgdp_experiments.rollouts import GreedyExplorer
+from vgdp_experiments.rollouts import GreedyExplorer, load_explorer
 from vgdp_experiments.worlds import training_maze
-from vgdp_planner.value import ValueNetwork
-from vgdp_planner.weights import load_part
 
 if TYPE_CHECKING:
     import argparse
@@ -39,6 +37,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from maze_sim import Maze
+    from vgdp_planner.value import ValueNetwork
 
 AT_ONCE = 128
 """Mazes that one worker walks side by side."""
@@ -212,9 +211,7 @@ def _walk_group(task: tuple[DataSettings, int, int]) -> Demonstrations:
     view_range = settings.view_range or int(rng.integers(1, 4))
     parts = [walk_expert(mazes, view_range, settings.horizon)]
     if settings.explorer:
-        config, tensors = load_part(settings.explorer, 'value')
-        network = ValueNetwork(config.value)
-        network.load_state_dict(tensors)
+        network = load_explorer(settings.explorer)
         parts.append(walk_explorer(mazes, network, view_range, settings.horizon))
     return _join(parts)
 

@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import re
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
@@ -31,6 +32,18 @@ def whole_number(low: int) -> Callable[[str], int]:
         return value
 
     return parse
+
+
+def add_results_file(parser: argparse.ArgumentParser, name: str) -> None:
+    """Add the option that says where the results of an evaluation go."""
+    parser.add_argument(
+        '-o',
+        '--out',
+        type=Path,
+        default=Path('runs', f'{name}.json'),
+        metavar='FILE',
+        help='JSON file to write (%(default)s)',
+    )
 
 
 def refuse(error: Exception) -> int:

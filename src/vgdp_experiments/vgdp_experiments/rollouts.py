@@ -25,14 +25,16 @@ from maze_sim import MazeSimulation, cost_to_go
 from vgdp_experiments.labels import Labels
 from vgdp_experiments.map_codes import pack, unpack
 from vgdp_planner.best_ways import UNREACHED, best_way_values
+from vgdp_planner.value import ValueNetwork
+from vgdp_planner.weights import load_part
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
     from maze_sim import Maze
-    from vgdp_planner.value import ValueNetwork
 
 PULL = 1000.0
 """Added to the worth of a cell that the explorer is sent to, whatever it thinks of it."""
@@ -136,6 +138,22 @@ class GreedyExplorer:
         """Return the best actions at cells (B, 2), and whether anything is in reach there."""
         place = np.arange(len(cells)), cells[:, 0], cells[:, 1]
         return self.actions_at[place], self.reached[place]
+
+
+def load_explorer(folder: str | Path) -> ValueNetwork:
+    """Load a value function that a `GreedyExplorer` can step on.
+
+    Raises:
+        WeightsError: If the folder holds no value function.
+        ValueError: If it is one that has no worth of the unseen, such as the paper's.
+    """
+    config, tensors = load_part(folder, 'value')
+    if config.value.unseen != 'boundary':
+        msg = f'The value function in {folder} says nothing of what unseen cells are worth.'
+        raise ValueError(msg)
+    network = ValueNetwork(config.value)
+    network.load_state_dict(tensors)
+    return network
 
 
 @torch.no_grad()

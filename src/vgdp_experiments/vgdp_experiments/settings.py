@@ -73,12 +73,16 @@ class Setting:
         """
         return [_draw(self.size, self.kind, self.map, seed, number) for number in numbers]
 
-    def describe(self) -> str:
-        """Say it in a few words."""
+    @property
+    def seen(self) -> str:
+        """What the worlds are, and how far the robot sees in them, in a few words."""
         rows, cols = self.size if isinstance(self.size, tuple) else (self.size, self.size)
         kind = '' if self.kind == 'maze' else f'{self.kind} of '
-        worlds = self.map or f'{kind}{rows}×{cols}'
-        parts = [worlds, f'view range {self.view_range}', f'budget {self.budget}']
+        return f'{self.map or f"{kind}{rows}×{cols}"}, view range {self.view_range}'
+
+    def describe(self) -> str:
+        """Say it in a few words."""
+        parts = [self.seen, f'budget {self.budget}']
         if self.slip:
             parts.append(f'slip {self.slip:g}')
         if self.pose_noise:

@@ -113,7 +113,7 @@ class ValueTraining:
         initial: Folder with weights to go on from, whose rules of the world are kept; none if
             empty.
         objective: What choices are compared by, success, spl or expert.
-        patience: After so many sides of the map a success counts e times less.
+        patience: After so many sides of the map a success counts e times less, but for spl.
         worlds: Names of the worlds, such as maze-15-view2, separated by commas; all if empty.
         seed: Of everything random.
         dynamics_steps: Optimisation steps on the rules of the world.

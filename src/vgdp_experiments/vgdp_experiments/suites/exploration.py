@@ -19,23 +19,23 @@ from vgdp_experiments import scores
 from vgdp_experiments.files import write_whole
 from vgdp_experiments.jobs import hash_of
 from vgdp_experiments.join import command
-from vgdp_experiments.options import whole_number
-from vgdp_experiments.pages import markdown_table
+from vgdp_experiments.options import add_results_file, whole_number
+from vgdp_experiments.pages import markdown_table, number, span
 from vgdp_experiments.report import current_versions
 from vgdp_experiments.results import ResultsError
-from vgdp_experiments.rollouts import explored_spl
+from vgdp_experiments.rollouts import explored_spl, load_explorer
 from vgdp_experiments.settings import Setting
 from vgdp_experiments.suite import Page
 from vgdp_experiments.suites import generators, table, worlds
 from vgdp_experiments.train_value import USUAL_SIZE
-from vgdp_planner.config import preset
-from vgdp_planner.value import ValueNetwork
-from vgdp_planner.weights import load_part, read_record
+from vgdp_planner.weights import read_record
 
 if TYPE_CHECKING:
     import argparse
 
     from numpy.typing import NDArray
+
+    from vgdp_planner.value import ValueNetwork
 
 NAME = 'exploration'
 
@@ -131,8 +131,8 @@ def _text(values: dict[str, Any]) -> str:
 
 
 def _ratio(values: NDArray[np.float64], reference: NDArray[np.float64]) -> str:
-    ratio, (low, high) = scores.ratio(values, reference)
-    return f'{ratio:.3f} ({low:.3f} … {high:.3f})'
+    ratio, interval = scores.ratio(values, reference)
+    return f'{number(ratio)} ({span(interval)})'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -160,30 +160,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--seed', type=whole_number(0), default=0, help='of the worlds (%(default)s)'
     )
-    parser.add_argument(
-        '-o',
-        '--out',
-        type=Path,
-        default=Path('runs', f'{NAME}.json'),
-        metavar='FILE',
-        help='JSON file to write (%(default)s)',
-    )
+    add_results_file(parser, NAME)
 
 
 def run(args: argparse.Namespace) -> int:
     """Explore and write what came out; returns the exit status.
 
     Raises:
-        ValueError: If the weights can't be loaded.
+        ValueError: If the weights can't be loaded or have the same name.
         OSError: If the file can't be written.
     """
     torch.set_num_threads(1)
     explorers: dict[str, ValueNetwork | None] = {'frontier': None}
     weights = {}
     for folder in args.weights:
-        network = ValueNetwork(preset('default').value)
-        network.load_state_dict(load_part(folder, 'value')[1])
-        explorers[folder.name] = network
+        if folder.name in explorers:
+            msg = f'{folder} has the name of another explorer; folders need names of their own.'
+            raise ValueError(msg)
+        explorers[folder.name] = load_explorer(folder)
         training = read_record(folder)['training']['value']
         weights[folder.name] = {
             'hash': hash_of(folder),
@@ -196,7 +190,7 @@ def run(args: argparse.Namespace) -> int:
         mazes = max(1, round(args.mazes * USUAL_SIZE**2 / int(area)))
         bar = tqdm(explorers.items(), desc=name, unit='explorer', disable=None)
         spl = {explorer: explore(setting, mazes, args.seed, value) for explorer, value in bar}
-        places.append({'title': setting.describe().rsplit(',', 1)[0], 'spl': spl})
+        places.append({'title': setting.seen, 'spl': spl})
     folders = ' '.join(map(str, args.weights))
     values = {
         'suite': NAME,

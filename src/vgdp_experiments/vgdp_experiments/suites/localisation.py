@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from maze_sim import MazeSimulation, make_mazes
 from vgdp_experiments import plots
 from vgdp_experiments.files import write_whole
 from vgdp_experiments.jobs import hash_of
-from vgdp_experiments.options import whole_number
+from vgdp_experiments.options import add_results_file, whole_number
 from vgdp_experiments.planner_options import add_planner_arguments, load_planner
 from vgdp_experiments.results import ResultsError
 from vgdp_experiments.suite import Page
@@ -24,6 +23,7 @@ from vgdp_planner.weights import SHIPPED
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -160,14 +160,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--episodes', type=whole_number(1), default=500, help='mazes (%(default)s)'
     )
-    parser.add_argument(
-        '-o',
-        '--out',
-        type=Path,
-        default=Path('runs', f'{NAME}.json'),
-        metavar='FILE',
-        help='JSON file to write (%(default)s)',
-    )
+    add_results_file(parser, NAME)
     add_planner_arguments(parser)
 
 
